@@ -1,5 +1,5 @@
-"""``python -m benchmarks [--quick] [PART...]``: one table of everything that has to be fast, each figure beside its floor or peer of the
-same run.
+"""``python -m benchmarks [--quick] [PART...]``: one table of everything that has to be fast, each
+figure beside its floor or peer of the same run.
 """
 
 import argparse
@@ -12,7 +12,16 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks import bench_daemon, bench_fleet, bench_ingest, bench_latency, bench_memory, bench_replay, bench_solver, whole_solve
+from benchmarks import (
+    bench_daemon,
+    bench_fleet,
+    bench_ingest,
+    bench_latency,
+    bench_memory,
+    bench_replay,
+    bench_solver,
+    whole_solve,
+)
 from benchmarks.table import Row, render
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -36,8 +45,14 @@ def parts(*, quick: bool) -> dict[str, Callable[[], list[Row]]]:
 def main() -> int:
     """Measure, print the table, return 1 where a goal was missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks")
-    parser.add_argument("--quick", action="store_true", help="a tenth of the time: less sure, and the long rows are shorter than asked for")
-    parser.add_argument("part", nargs="*", help=f"measure only these: {', '.join(parts(quick=True))}")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a tenth of the time: less sure, and the long rows are shorter than asked for",
+    )
+    parser.add_argument(
+        "part", nargs="*", help=f"measure only these: {', '.join(parts(quick=True))}"
+    )
     options = parser.parse_args()
     chosen = parts(quick=options.quick)
     if unknown := set(options.part) - set(chosen):
@@ -53,14 +68,21 @@ def main() -> int:
 
 
 def compile_all() -> None:
-    """Compile what is measured, as an installation does: a source without its bytecode would be compiled anew at every start."""
+    """Compile what is measured, as an installation does: a source without its bytecode would be
+    compiled anew at every start."""
     for folder in (*(ROOT / name for name in PACKAGES), Path(sysconfig.get_path("purelib"))):
         compileall.compile_dir(folder, quiet=2)
 
 
 def machine() -> str:
     """Return what this ran on, and how busy it was with other things."""
-    cpu = Path("/proc/cpuinfo").read_text().partition("model name")[2].partition("\n")[0].strip(" \t:")
+    cpu = (
+        Path("/proc/cpuinfo")
+        .read_text()
+        .partition("model name")[2]
+        .partition("\n")[0]
+        .strip(" \t:")
+    )
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
     system = f"Linux {platform.release()}, Python {platform.python_version()}"
     return f"{os.cpu_count()} cores of {cpu or platform.machine()}, {system}, load before {load}"

@@ -1,7 +1,9 @@
-"""``python -m benchmarks.bad_pass``: what becomes of a survey with one bad pass: repaired, named and refused, or unseen and within U?
+"""``python -m benchmarks.bad_pass``: what becomes of a survey with one bad pass: repaired, named
+and refused, or unseen and within U?
 
-Four diagonals and three linear runs, driven once, of the exact machines of `benchmarks.honesty`; each fault is put on a pass drawn by the
-survey's seed, and the same survey without it is solved beside.
+Four diagonals and three linear runs, driven once, of the exact machines of `benchmarks.honesty`;
+each fault is put on a pass drawn by the survey's seed, and the same survey without it is solved
+beside.
 """
 
 import argparse
@@ -41,11 +43,14 @@ def longer(readings: Readings, rng: np.random.Generator, ppm: float) -> Spoiled:
     """Return the readings with one diagonal too long or too short."""
     setup = DIAGONALS[int(rng.integers(4))]
     rows = np.flatnonzero(np.array(readings.setup) == setup)
-    return _moved(readings, rows, 1e-3 * ppm * rng.choice([-1.0, 1.0]) * readings.reading_mm[rows]), setup
+    return _moved(
+        readings, rows, 1e-3 * ppm * rng.choice([-1.0, 1.0]) * readings.reading_mm[rows]
+    ), setup
 
 
 def wandering(readings: Readings, rng: np.random.Generator, um: float) -> Spoiled:
-    """Return the readings with a random walk in one diagonal that has come ``um`` far at its end (standard deviation)."""
+    """Return the readings with a random walk in one diagonal that has come ``um`` far at its end
+    (standard deviation)."""
     setup = DIAGONALS[int(rng.integers(4))]
     rows = np.flatnonzero(np.array(readings.setup) == setup)
     walk = np.append(0.0, np.cumsum(rng.standard_normal(len(rows) - 1)))
@@ -53,15 +58,21 @@ def wandering(readings: Readings, rng: np.random.Generator, um: float) -> Spoile
 
 
 def warmed(readings: Readings, rng: np.random.Generator, celsius: float, *, told: bool) -> Spoiled:
-    """Return the readings of a machine that is warmer by so much in every setup than in the one before, 20 C on the mean; ``told``: by its
-    thermometer."""
+    """Return the readings of a machine that is warmer by so much in every setup than in the one
+    before, 20 C on the mean; ``told``: by its thermometer."""
     order = np.array([SETUPS.index(name) for name in readings.setup], dtype=np.float64)
     excess = celsius * (order - np.mean(order)) * rng.choice([-1.0, 1.0])
-    warm = _moved(readings, np.arange(len(readings)), 1e-3 * STEEL_UM_M_C * excess * readings.reading_mm)
-    return replace(warm, temperature_c=20.0 + excess if told else np.full(len(readings), np.nan)), "the machine grew by"
+    warm = _moved(
+        readings, np.arange(len(readings)), 1e-3 * STEEL_UM_M_C * excess * readings.reading_mm
+    )
+    return replace(
+        warm, temperature_c=20.0 + excess if told else np.full(len(readings), np.nan)
+    ), "the machine grew by"
 
 
-def _moved(readings: Readings, rows: Sequence[int] | np.ndarray, um: float | np.ndarray) -> Readings:
+def _moved(
+    readings: Readings, rows: Sequence[int] | np.ndarray, um: float | np.ndarray
+) -> Readings:
     reading = readings.reading_mm.copy()
     reading[rows] += 1e-3 * um
     return replace(readings, reading_mm=reading)
@@ -82,7 +93,8 @@ FAULTS: dict[str, Callable[[Readings, np.random.Generator], Spoiled]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What one survey showed: the severest word, whether it named the fault, what is left with its interval, squarenesses within 2 u."""
+    """What one survey showed: the severest word, whether it named the fault, what is left with its
+    interval, squarenesses within 2 u."""
 
     severity: str
     named: bool
@@ -98,7 +110,11 @@ def judge(case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator]
     clean = drive(case, machine, seed)
     spoiled, words = spoil(clean, np.random.default_rng(seed))
     result = solve(spoiled, chain=case.chain)
-    told = [one for one in result.findings if one.severity in ("error", "warning") and one.code not in OF_EVERY_SURVEY]
+    told = [
+        one
+        for one in result.findings
+        if one.severity in ("error", "warning") and one.code not in OF_EVERY_SURVEY
+    ]
     errors = any(one.severity == "error" for one in told)
     return Seen(
         severity="refused" if errors else "said" if told else "quiet",
@@ -111,7 +127,9 @@ def judge(case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator]
 
 
 def _after(result: Result, machine: Machine) -> Told:
-    points = np.asarray(BOX.origin_mm) + np.random.default_rng(5).uniform(size=(POINTS, 3)) * np.asarray(BOX.size_mm)
+    points = np.asarray(BOX.origin_mm) + np.random.default_rng(5).uniform(
+        size=(POINTS, 3)
+    ) * np.asarray(BOX.size_mm)
     found = error_field_um(result, points)
     said = predicted(result, points, -found).without_rigid_motion["after"].rms_um
     return Told(left_um(points, machine.error_at(points) - found), **written(said))
@@ -130,7 +148,10 @@ def row(name: str, seen: Sequence[Seen]) -> str:
     square = [one for each in used for one in each.squareness]
     share = f"{100 * np.mean(square):.0f}" if square else "-"
     named = sum(one.named for one in seen)
-    return f"| {name} | {named} | {' | '.join(map(str, counts))} | {' | '.join(left or ['-', '-'])} | {inside} | {share} |"
+    return (
+        f"| {name} | {named} | {' | '.join(map(str, counts))} | {' | '.join(left or ['-', '-'])} "
+        f"| {inside} | {share} |"
+    )
 
 
 def main() -> None:
@@ -138,19 +159,33 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--surveys", type=int, default=20, help="surveys of each fault")
     parser.add_argument("--first", type=int, default=2000, help="the first seed")
-    parser.add_argument("--angle", type=float, default=0.0, help="range of the machine's angular functions, urad")
+    parser.add_argument(
+        "--angle", type=float, default=0.0, help="range of the machine's angular functions, urad"
+    )
     parser.add_argument("--fault", default="", help="only faults whose name contains this")
     parser.add_argument("--each", action="store_true", help="print every survey too")
     options = parser.parse_args()
-    print("| fault | named | refused | said | quiet | left, um | without the fault | in its interval | squareness within 2u, % |")
+    print(
+        "| fault | named | refused | said | quiet | left, um | without the fault | in its "
+        "interval | squareness within 2u, % |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     case = Case(name="", angle_urad=options.angle)
     for name, spoil in FAULTS.items():
         if options.fault in name:
-            seen = [judge(case, seed, spoil) for seed in range(options.first, options.first + options.surveys)]
+            seen = [
+                judge(case, seed, spoil)
+                for seed in range(options.first, options.first + options.surveys)
+            ]
             print(row(name, seen), flush=True)
             for one in seen if options.each else ():
-                print("   ", one.severity, one.named, one.codes, f"{one.after.true:.2f} {one.clean_um:.2f}")
+                print(
+                    "   ",
+                    one.severity,
+                    one.named,
+                    one.codes,
+                    f"{one.after.true:.2f} {one.clean_um:.2f}",
+                )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""``python -m benchmarks.bare``: the least that a recorder does: the same reads of the laser and polls of the PLC, nothing made of them.
+"""``python -m benchmarks.bare``: the least that a recorder does: the same reads of the laser and
+polls of the PLC, nothing made of them.
 
-A thread reads the pty and stamps what came; the main thread asks the PLC for the contract's block at the rate of the survey.
-At SIGTERM the stamps are kept.
+A thread reads the pty and stamps what came; the main thread asks the PLC for the contract's block
+at the rate of the survey. At SIGTERM the stamps are kept.
 """
 
 import argparse

@@ -1,7 +1,9 @@
-"""A store of many results: how long the trend takes, how large it is, how much two workers gain, what scheduler and client keep in memory.
+"""A store of many results: how long the trend takes, how large it is, how much two workers gain,
+what scheduler and client keep in memory.
 
-The surveys are those of `benchmarks.fleet`, driven by the virtual machine and solved; as solving 8,000 takes the better part of an hour,
-some machines are solved and stand in the store under ten names each, which costs the query the same.
+The surveys are those of `benchmarks.fleet`, driven by the virtual machine and solved; as solving
+8,000 takes the better part of an hour, some machines are solved and stand in the store under ten
+names each, which costs the query the same.
 """
 
 import os
@@ -47,9 +49,12 @@ def rows(results: int = RESULTS) -> list[Row]:
 
 
 def _written(store: Store, place: Place, table: pa.Table) -> None:
-    """Write the table of a result under the name of another machine, without waiting for the disk."""
+    """Write the table of a result under the name of another machine, without waiting for the
+    disk."""
     column = table.schema.get_field_index("machine")
-    name = pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([place.machine]))
+    name = pa.DictionaryArray.from_arrays(
+        pa.array([0] * table.num_rows, pa.int32()), pa.array([place.machine])
+    )
     path = Path(store.path(place.table))
     path.parent.mkdir(parents=True, exist_ok=True)
     data = to_parquet(table.set_column(column, table.schema.field(column), name))
@@ -60,23 +65,37 @@ def _written(store: Store, place: Place, table: pa.Table) -> None:
 
 
 def _query(store: Store) -> Row:
-    """Return the row of the trend of every quantity of every machine: the best of three, since other programs only add to it."""
+    """Return the row of the trend of every quantity of every machine: the best of three, since
+    other programs only add to it."""
     times = []
     for _ in range(3):
         began, computed = time.perf_counter(), time.process_time()
-        points = sum(len(each.series.surveys) for each in trends_of(series_in(store, datetime.now(UTC)), lambda *_: None))
+        points = sum(
+            len(each.series.surveys)
+            for each in trends_of(series_in(store, datetime.now(UTC)), lambda *_: None)
+        )
         times.append((time.perf_counter() - began, time.process_time() - computed))
     best, computing = min(times)
     count = len(store.tables())
     beside = f"{computing:.2f} s of processor time, {points} points"
-    return Row(f"fleet: trend of {count} results", f"{best:.2f} s", beside, goal=f"{QUERY_S:g} s", met=best <= QUERY_S)
+    return Row(
+        f"fleet: trend of {count} results",
+        f"{best:.2f} s",
+        beside,
+        goal=f"{QUERY_S:g} s",
+        met=best <= QUERY_S,
+    )
 
 
 def _size(store: Store) -> Row:
     sizes = [Path(store.path(place.table)).stat().st_size for place in store.tables()]
     each = sum(sizes) / len(sizes) / len(DISPLACEMENTS)
     return Row(
-        "fleet: a function in the store", f"{each:.0f} bytes", f"{sum(sizes) / 1e6:.1f} MB in all", goal="1 KB", met=each <= FUNCTION_BYTES
+        "fleet: a function in the store",
+        f"{each:.0f} bytes",
+        f"{sum(sizes) / 1e6:.1f} MB in all",
+        goal="1 KB",
+        met=each <= FUNCTION_BYTES,
     )
 
 
@@ -89,11 +108,20 @@ def _workers() -> list[Row]:
     load = os.getloadavg()[0]
     return [
         Row(
-            f"fleet: {TASKS} surveys solved anew by two workers", f"{TASKS / two:.2f} a second",
-            f"one worker: {TASKS / one:.2f} a second, load {load:.1f}", f"{one / two:.2f}", f"{GAIN:g} times", one / two >= GAIN,
+            f"fleet: {TASKS} surveys solved anew by two workers",
+            f"{TASKS / two:.2f} a second",
+            f"one worker: {TASKS / one:.2f} a second, load {load:.1f}",
+            f"{one / two:.2f}",
+            f"{GAIN:g} times",
+            one / two >= GAIN,
         ),
-        Row("the same: resident memory of scheduler and client", f"{memory:.0f} MB", goal=f"{MEMORY_MB} MB", met=memory <= MEMORY_MB),
-    ]  # fmt: skip
+        Row(
+            "the same: resident memory of scheduler and client",
+            f"{memory:.0f} MB",
+            goal=f"{MEMORY_MB} MB",
+            met=memory <= MEMORY_MB,
+        ),
+    ]
 
 
 def _store_of_logs(folder: Path) -> None:
@@ -110,17 +138,21 @@ def _store_of_logs(folder: Path) -> None:
 
 
 def _resolved(folder: str, workers: int) -> tuple[float, float]:
-    """Return (seconds a program solves, its peak memory in MB): from the first survey that is done, so that its start does not count."""
+    """Return (seconds a program solves, its peak memory in MB): from the first survey that is done,
+    so that its start does not count."""
     command = [sys.executable, "-m", "benchmarks.bench_fleet", f"{folder}/store", str(workers)]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     return float(said[0]), float(said[1])
 
 
 def main() -> None:
-    """Solve all surveys of a store anew and print the seconds between the first and the last that is done, and the peak memory."""
+    """Solve all surveys of a store anew and print the seconds between the first and the last that
+    is done, and the peak memory."""
     store, workers = Store(sys.argv[1]), int(sys.argv[2])
     done = [time.perf_counter() for _ in resolve(store, open_surveys(store), workers)]
-    sys.stdout.write(f"{(done[-1] - done[workers - 1]) * len(done) / (len(done) - workers)} {peak_mb()}\n")
+    sys.stdout.write(
+        f"{(done[-1] - done[workers - 1]) * len(done) / (len(done) - workers)} {peak_mb()}\n"
+    )
 
 
 if __name__ == "__main__":

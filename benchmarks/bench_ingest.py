@@ -25,7 +25,10 @@ def rows(seconds: float) -> list[Row]:
         _, lost, chunks = logged(survey)
     lines = sum(chunk.data.count(b"\n") for chunk in chunks)
     rate = lines / ((chunks[-1].arrival_ns - chunks[0].arrival_ns) * 1e-9)
-    numbers = [int(text.split(b"\r\n")[at].split()[5]) for text, at in ((chunks[0].data, 1), (chunks[-1].data, -2))]
+    numbers = [
+        int(text.split(b"\r\n")[at].split()[5])
+        for text, at in ((chunks[0].data, 1), (chunks[-1].data, -2))
+    ]
     missing = numbers[1] - numbers[0] + 2 - lines
     each_us = cpu_s / (rate * lasted_s) * 1e6
     whole = lost == 0 and abs(missing) <= 1
@@ -48,7 +51,8 @@ def rows(seconds: float) -> list[Row]:
 
 
 def floor(seconds: float) -> float:
-    """Return the processor time of reading the same lines and splitting them into fields, in us a line."""
+    """Return the processor time of reading the same lines and splitting them into fields, in us a
+    line."""
     with tempfile.TemporaryDirectory() as name, feeding(Path(name), RATE_HZ):
         descriptor = os.open(Path(name) / "laser", os.O_RDONLY | os.O_NOCTTY)
         tty.setraw(descriptor)

@@ -1,4 +1,5 @@
-"""From the end of a stop's window to the handshake in the PLC's register, over a whole survey on the virtual machine."""
+"""From the end of a stop's window to the handshake in the PLC's register, over a whole survey on
+the virtual machine."""
 
 import socket
 import sys
@@ -69,13 +70,26 @@ def rows() -> list[Row]:
     late_ms, bare_ms = lateness_ms()
     p50, p99 = np.percentile(late_ms, [50, 99])
     floor = 1e3 / POLL_HZ + float(np.percentile(bare_ms, 99))
-    figure, beside = f"p99 {p99:.1f} ms, p50 {p50:.1f} ms of {len(late_ms)} stops", f"poll period and bare exchange: {floor:.1f} ms"
+    figure, beside = (
+        f"p99 {p99:.1f} ms, p50 {p50:.1f} ms of {len(late_ms)} stops",
+        f"poll period and bare exchange: {floor:.1f} ms",
+    )
     ratio = p99 / floor
-    return [Row("stop captured: window's end to handshake", figure, beside, f"{ratio:.1f}", f"ratio {MOST:g}", bool(ratio <= MOST))]
+    return [
+        Row(
+            "stop captured: window's end to handshake",
+            figure,
+            beside,
+            f"{ratio:.1f}",
+            f"ratio {MOST:g}",
+            bool(ratio <= MOST),
+        )
+    ]
 
 
 def exchanges_ms(port: int) -> np.ndarray:
-    """Return how long the PLC takes to answer somebody who does nothing but ask, paced like the daemon's polls."""
+    """Return how long the PLC takes to answer somebody who does nothing but ask, paced like the
+    daemon's polls."""
     took = []
     with socket.create_connection(("127.0.0.1", port)) as plc:
         for _ in range(100):
@@ -88,7 +102,8 @@ def exchanges_ms(port: int) -> np.ndarray:
 
 
 def lateness_ms() -> tuple[np.ndarray, np.ndarray]:
-    """Return for each stop of a survey the time from its window's end to its count in the register, and bare exchanges, in ms."""
+    """Return for each stop of a survey the time from its window's end to its count in the register,
+    and bare exchanges, in ms."""
     written: dict[int, int] = {}
 
     def write(plc: Plc, table: str, address: int, values: Sequence[int]) -> None:
@@ -96,7 +111,9 @@ def lateness_ms() -> tuple[np.ndarray, np.ndarray]:
         original(plc, table, address, values)
 
     original = Plc.write
-    sys.setswitchinterval(0.0002)  # the machine's threads must not wait for each other: that is not the daemon's time
+    sys.setswitchinterval(
+        0.0002
+    )  # the machine's threads must not wait for each other: that is not the daemon's time
     with tempfile.TemporaryDirectory() as name, patch.object(Plc, "write", write):
         folder = Path(name)
         (folder / "bench.toml").write_text(BENCH)
@@ -104,12 +121,20 @@ def lateness_ms() -> tuple[np.ndarray, np.ndarray]:
         with VirtualBench(read_config(folder / "bench.toml"), folder, tell=waiting.append) as bench:
             survey = folder / "survey.toml"
             places = bench.addresses
-            survey.write_text(SURVEY.format(laser=places["laser_link"], plc=places["plc_port"], poll_hz=POLL_HZ))
+            survey.write_text(
+                SURVEY.format(laser=places["laser_link"], plc=places["plc_port"], poll_hz=POLL_HZ)
+            )
             bare_ms = exchanges_ms(int(places["plc_port"]))
             with daemon(survey):
                 _drive(bench, waiting)
-        stops = [stop for log in sorted((folder / "bench").rglob("*.mcap")) for stop in noted_stops(log)]
-    pairs = [(stop.window_to_ns, written[stop.stop_count]) for stop in stops if stop.stop_count in written]
+        stops = [
+            stop for log in sorted((folder / "bench").rglob("*.mcap")) for stop in noted_stops(log)
+        ]
+    pairs = [
+        (stop.window_to_ns, written[stop.stop_count])
+        for stop in stops
+        if stop.stop_count in written
+    ]
     return np.array([after - window for window, after in pairs]) * 1e-6, bare_ms
 
 

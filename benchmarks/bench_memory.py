@@ -1,4 +1,5 @@
-"""Whether memory stays flat: a day of recording on a simulated clock, a week of links that are lost; each in a process of its own."""
+"""Whether memory stays flat: a day of recording on a simulated clock, a week of links that are
+lost; each in a process of its own."""
 
 import asyncio
 import gc
@@ -23,15 +24,18 @@ if TYPE_CHECKING:
     from stepdiag.daq.recording.session import Session
 
 LINES_HZ, POLL_HZ = 40, 2
-"""Much slower than at the machine, so that a day passes in a minute or two; every bound of the program is one of time or of number.
+"""Much slower than at the machine, so that a day passes in a minute or two; every bound of the
+program is one of time or of number.
 
-What would be kept of every poll, or of every chunk, shows in the count of objects, which a few megabytes of noise cannot hide."""
+What would be kept of every poll, or of every chunk, shows in the count of objects, which a few
+megabytes of noise cannot hide."""
 MOST_OBJECTS = 10_000
 """More than these kept in a day are something kept of every seventeenth poll."""
 PASS_S, PAUSE_S = 3600, 10
 """A pass an hour, each in a log of its own."""
 LOST_A_DAY, MB_A_DAY = 2160, 1.0
-"""A link that is lost every 40 s; by how much memory may grow in a day of them. The first day's is not counted: caches fill."""
+"""A link that is lost every 40 s; by how much memory may grow in a day of them. The first day's is
+not counted: caches fill."""
 _WAIT_S = 0.002
 """Between two attempts here, where the recorder waits 0.05 to 1 s."""
 
@@ -39,7 +43,9 @@ _WAIT_S = 0.002
 def rows(hours: float) -> list[Row]:
     """Return the row of a long survey."""
     command = [sys.executable, "-m", "benchmarks.bench_memory", str(hours)]
-    first, last, objects, lasted = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+    first, last, objects, lasted = map(
+        float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    )
     grown = last - first
     return [
         Row(
@@ -56,12 +62,15 @@ def rows(hours: float) -> list[Row]:
 def _lost_links(days: int) -> Row:
     """Return the row of links that are lost for so many days."""
     command = [sys.executable, "-m", "benchmarks.bench_memory", "lost", str(days)]
-    first, last, lasted = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+    first, last, lasted = map(
+        float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    )
     slope = (last - first) / (days - 1)
     return Row(
         f"memory over {days} days with the laser lost every 40 s, in {lasted:.0f} s",
         f"{last:.1f} MB, {slope:.2f} MB a day",
-        f"after the first day: {first:.1f} MB; {days * LOST_A_DAY} times lost, the machine beside it",
+        f"after the first day: {first:.1f} MB; {days * LOST_A_DAY} times lost, the machine "
+        "beside it",
         goal=f"{MB_A_DAY:g} MB a day",
         met=slope <= MB_A_DAY,
     )
@@ -73,8 +82,8 @@ def resident_mb() -> float:
 
 
 def simulate(hours: float, folder: Path) -> tuple[float, float, int]:
-    """Run session and recorder over so many hours; return the memory at the end of the first pass and of the last, and by how many objects
-    the process has grown between them.
+    """Run session and recorder over so many hours; return the memory at the end of the first pass
+    and of the last, and by how many objects the process has grown between them.
     """
     from stepdiag.daq.log.recorder import Recorder
     from stepdiag.daq.recording.session import Round, Session
@@ -83,7 +92,14 @@ def simulate(hours: float, folder: Path) -> tuple[float, float, int]:
     text = SURVEY.format(laser="/dev/ttyUSB0", plc_port=502, page="false", page_port=8420)
     recorder = Recorder(lambda _: None)
     begun = Round(folder / "0001", {"machine": "bench"})
-    session = Session(parse_survey(text, "bench"), text, begun, recorder, on_outcome=lambda _: None, wall_offset_ns=lambda: 10**18)
+    session = Session(
+        parse_survey(text, "bench"),
+        text,
+        begun,
+        recorder,
+        on_outcome=lambda _: None,
+        wall_offset_ns=lambda: 10**18,
+    )
     told: list[tuple[float, int]] = []
     for second in range(int(hours * 3600)):
         _second(session, second)
@@ -103,11 +119,31 @@ def _second(session: "Session", second: int) -> None:
     per = LINES_HZ // POLL_HZ
     for poll in range(POLL_HZ):
         number = second * LINES_HZ + poll * per
-        lines = b"".join(b"100000 100000 %d 0 0 %d %d %d\r\n" % (1000 + at % 7, at, *_code(at)) for at in range(number, number + per))
+        lines = b"".join(
+            b"100000 100000 %d 0 0 %d %d %d\r\n" % (1000 + at % 7, at, *_code(at))
+            for at in range(number, number + per)
+        )
         at_ns = begin + poll * step
         session.consume(Chunk("laser", at_ns, lines))
-        words = [second & 0xFFFF, 0, 2 * (second % PASS_S < PASS_S - PAUSE_S), 1, *[0] * 6, 2000, 2000, 10130, 500]
-        session.consume(ModbusBlock(at_ns + 1000, at_ns + 401_000, BLOCK, (b"".join(word.to_bytes(2, "big") for word in words),)))
+        words = [
+            second & 0xFFFF,
+            0,
+            2 * (second % PASS_S < PASS_S - PAUSE_S),
+            1,
+            *[0] * 6,
+            2000,
+            2000,
+            10130,
+            500,
+        ]
+        session.consume(
+            ModbusBlock(
+                at_ns + 1000,
+                at_ns + 401_000,
+                BLOCK,
+                (b"".join(word.to_bytes(2, "big") for word in words),),
+            )
+        )
 
 
 def _code(number: int) -> tuple[int, int]:
@@ -115,7 +151,8 @@ def _code(number: int) -> tuple[int, int]:
 
 
 async def lose(days: int, folder: Path) -> tuple[float, float]:
-    """Keep real links to a laser and a machine that go away at once; return the memory after the first day and after the last."""
+    """Keep real links to a laser and a machine that go away at once; return the memory after the
+    first day and after the last."""
     from stepdiag.daq.links import reconnect
     from stepdiag.daq.log.recorder import Recorder
     from stepdiag.daq.recording.session import Round, Session
@@ -123,16 +160,22 @@ async def lose(days: int, folder: Path) -> tuple[float, float]:
     from stepdiag.daq.records.events import Event, LinkEvent
     from stepdiag.daq.survey.file import parse_survey
 
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))  # the figures stand alone on the output
+    structlog.configure(
+        wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL)
+    )  # the figures stand alone on the output
     reconnect.FIRST_WAIT_S = reconnect.LONGEST_WAIT_S = _WAIT_S
     command = [sys.executable, "-m", "benchmarks.bench_memory", "away"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as away:  # noqa: ASYNC220  # nothing runs beside it yet
         assert away.stdout is not None
         laser, machine = map(int, away.stdout.readline().split())
-        text = SURVEY.format(laser=f"socket://127.0.0.1:{laser}", plc_port=machine, page="false", page_port=8420)
+        text = SURVEY.format(
+            laser=f"socket://127.0.0.1:{laser}", plc_port=machine, page="false", page_port=8420
+        )
         survey, recorder = parse_survey(text, "bench"), Recorder(lambda _: None)
         begun = Round(folder / "0001", {"machine": "bench"})
-        session = Session(survey, text, begun, recorder, on_outcome=lambda _: None, wall_offset_ns=lambda: 10**18)
+        session = Session(
+            survey, text, begun, recorder, on_outcome=lambda _: None, wall_offset_ns=lambda: 10**18
+        )
         lost, told = 0, list[float]()
 
         def consume(event: Event) -> None:
@@ -168,7 +211,9 @@ async def go_away() -> None:
     async def machine(asked: asyncio.StreamReader, to: asyncio.StreamWriter) -> None:
         head = await asked.readexactly(12)
         data = bytes(2 * int.from_bytes(head[10:12], "big"))
-        to.write(head[:2] + struct.pack(">HHBBB", 0, 3 + len(data), head[6], head[7], len(data)) + data)
+        to.write(
+            head[:2] + struct.pack(">HHBBB", 0, 3 + len(data), head[6], head[7], len(data)) + data
+        )
         to.close()
 
     servers = [await asyncio.start_server(each, "127.0.0.1", 0) for each in (laser, machine)]
@@ -178,12 +223,17 @@ async def go_away() -> None:
 
 
 def main() -> None:
-    """Simulate and print memory at the beginning, at the end, objects gained where they are counted, and how long it took."""
+    """Simulate and print memory at the beginning, at the end, objects gained where they are
+    counted, and how long it took."""
     if sys.argv[1] == "away":
         asyncio.run(go_away())
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
-        told = asyncio.run(lose(int(sys.argv[2]), Path(name))) if sys.argv[1] == "lost" else simulate(float(sys.argv[1]), Path(name))
+        told = (
+            asyncio.run(lose(int(sys.argv[2]), Path(name)))
+            if sys.argv[1] == "lost"
+            else simulate(float(sys.argv[1]), Path(name))
+        )
     sys.stdout.write(f"{' '.join(map(str, told))} {time.monotonic() - began}\n")
 
 

@@ -1,4 +1,5 @@
-"""How fast the logs of a long survey are replayed, in how much memory, beside reading and splitting the same bytes."""
+"""How fast the logs of a long survey are replayed, in how much memory, beside reading and splitting
+the same bytes."""
 
 import subprocess
 import sys
@@ -23,7 +24,10 @@ LINES_A_CHUNK = 25
 SECOND_NS = 1_000_000_000
 BLOCK = (ReadRange("holding", 0, 14),)
 WALL_OFFSET_NS = 1_700_000_000 * SECOND_NS
-START = {"hints": {name: {} for name in ("ppp", "npp", "pnp", "ppn")}, "wall_offset_ns": WALL_OFFSET_NS}
+START = {
+    "hints": {name: {} for name in ("ppp", "npp", "pnp", "ppn")},
+    "wall_offset_ns": WALL_OFFSET_NS,
+}
 
 
 def rows(hours: float) -> list[Row]:
@@ -44,7 +48,12 @@ def rows(hours: float) -> list[Row]:
             "ratio 3",
             ratio <= 3,
         ),
-        Row("the same: resident memory", f"{resident_mb:.0f} MB", goal="150 MB", met=resident_mb <= 150),
+        Row(
+            "the same: resident memory",
+            f"{resident_mb:.0f} MB",
+            goal="150 MB",
+            met=resident_mb <= 150,
+        ),
     ]
 
 
@@ -53,7 +62,10 @@ def write(path: Path, seconds: int) -> None:
     file = PartFile(path)
     survey = SURVEY.format(laser="/dev/ttyUSB0", plc_port=502, page="false", page_port=8420)
     run = {"machine": "bench", "start": msgspec.json.encode(START).decode()}
-    writer = LogWriter(file, LogHeader(survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=SECOND_NS, run=run))
+    writer = LogWriter(
+        file,
+        LogHeader(survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=SECOND_NS, run=run),
+    )
     for second in _seconds(seconds):
         for event in second:
             writer.event(event)
@@ -71,22 +83,41 @@ def _seconds(count: int) -> Iterator[list[Event]]:
     noise = np.random.default_rng(1)
     for second in range(count):
         begin = (second + 1) * SECOND_NS
-        lines = board.encode(100.0 + noise.normal(0.0, 2e-5, RATE_HZ), np.ones(RATE_HZ, dtype=bool)).splitlines(keepends=True)
+        lines = board.encode(
+            100.0 + noise.normal(0.0, 2e-5, RATE_HZ), np.ones(RATE_HZ, dtype=bool)
+        ).splitlines(keepends=True)
         late_us = noise.integers(0, 300, RATE_HZ).tolist()
         events: list[Event] = [
-            Chunk("laser", begin + (at + LINES_A_CHUNK - 1) * 1_000_000 + late_us[at] * 1000, b"".join(lines[at : at + LINES_A_CHUNK]))
+            Chunk(
+                "laser",
+                begin + (at + LINES_A_CHUNK - 1) * 1_000_000 + late_us[at] * 1000,
+                b"".join(lines[at : at + LINES_A_CHUNK]),
+            )
             for at in range(0, RATE_HZ, LINES_A_CHUNK)
         ]
         for poll in range(POLL_HZ):
             at = begin + poll * SECOND_NS // POLL_HZ
             words = [second & 0xFFFF, 0, 2, 1, *[0] * 6, 2000, 2000, 10130, 500]
-            events.append(ModbusBlock(at, at + 400_000, BLOCK, (b"".join(word.to_bytes(2, "big") for word in words),)))
-        yield sorted(events, key=lambda event: event.arrival_ns if isinstance(event, Chunk) else event.recv_ns)  # type: ignore[union-attr]
+            events.append(
+                ModbusBlock(
+                    at, at + 400_000, BLOCK, (b"".join(word.to_bytes(2, "big") for word in words),)
+                )
+            )
+        yield sorted(
+            events,
+            key=lambda event: event.arrival_ns if isinstance(event, Chunk) else event.recv_ns,  # type: ignore[union-attr]
+        )
 
 
 def measured(what: str, log: Path) -> tuple[float, float]:
-    """Return (processor seconds, peak memory in MB) of a process that reads or replays a log; importing is not counted."""
-    said = subprocess.run([sys.executable, "-m", "benchmarks.bench_replay", what, log], check=True, capture_output=True, text=True).stdout
+    """Return (processor seconds, peak memory in MB) of a process that reads or replays a log;
+    importing is not counted."""
+    said = subprocess.run(
+        [sys.executable, "-m", "benchmarks.bench_replay", what, log],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     seconds, memory = said.split()
     return float(seconds), float(memory)
 

@@ -1,7 +1,9 @@
-"""The solver beside a dense numpy lstsq of the same system, in the same run: ratios are what counts.
+"""The solver beside a dense numpy lstsq of the same system, in the same run: ratios are what
+counts.
 
-Asked for: n = 10 with covariance in no more than lstsq's time; n = 100 with all 18 functions at least 10 times faster; 200,000 Monte
-Carlo trials of n = 10 within 20 times one matrix product of that size.
+Asked for: n = 10 with covariance in no more than lstsq's time; n = 100 with all 18 functions at
+least 10 times faster; 200,000 Monte Carlo trials of n = 10 within 20 times one matrix product of
+that size.
 """
 
 import statistics
@@ -25,15 +27,24 @@ OFFSETS_MM = ((0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (0.0, 50.0, 0.0))
 
 def survey(increments: int, *, beams: int) -> Layout:
     """Return four diagonals at some beam lines and three linear runs in a cube of one metre."""
-    volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(1000.0, 1000.0, 1000.0), increments=increments)
-    lines = [(f"{name}+{k}" if k else name, OFFSETS_MM[k]) for k in range(beams) for name in BODY_DIAGONALS]
+    volume = Volume(
+        origin_mm=(0.0, 0.0, 0.0), size_mm=(1000.0, 1000.0, 1000.0), increments=increments
+    )
+    lines = [
+        (f"{name}+{k}" if k else name, OFFSETS_MM[k])
+        for k in range(beams)
+        for name in BODY_DIAGONALS
+    ]
     runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset) for name, offset in lines]
     runs += [Run(setup=name, return_pass=False) for name in LINEAR_RUNS]
     return lay_out(perfect_readings(Plan(volume=volume, runs=tuple(runs)), 0.3))
 
 
-def paired(ours: Callable[[], object], theirs: Callable[[], object], least: float = 2.0) -> tuple[float, float]:
-    """Return the median times of two calls made in turn, so that both meet the same load of the machine."""
+def paired(
+    ours: Callable[[], object], theirs: Callable[[], object], least: float = 2.0
+) -> tuple[float, float]:
+    """Return the median times of two calls made in turn, so that both meet the same load of the
+    machine."""
     times: list[tuple[float, float]] = []
     while len(times) < 3 or sum(map(sum, times)) < least:
         times.append((seconds(ours), seconds(theirs)))
@@ -55,18 +66,30 @@ def adjust_once(design: Design, readings_um: np.ndarray) -> np.ndarray:
 
 
 def beside_lstsq(title: str, layout: Layout, model: Model, wanted: float) -> Row:
-    """Return the time of fit, null space and covariance beside a dense lstsq, which gives the solution alone."""
+    """Return the time of fit, null space and covariance beside a dense lstsq, which gives the
+    solution alone."""
     design = build_design(layout, "FXYZ", model)
     readings_um = np.random.default_rng(0).normal(size=len(layout))
     dense = design.rows.dense()
-    ours, theirs = paired(lambda: adjust_once(design, readings_um), lambda: np.linalg.lstsq(dense, readings_um, rcond=None))
+    ours, theirs = paired(
+        lambda: adjust_once(design, readings_um),
+        lambda: np.linalg.lstsq(dense, readings_um, rcond=None),
+    )
     faster, size = theirs / ours, f"{dense.shape[0]} x {dense.shape[1]}"
     figure, beside = f"{ours * 1e3:.2f} ms", f"lstsq of {size}: {theirs * 1e3:.2f} ms"
-    return Row(f"solver: {title}", figure, beside, f"{faster:.1f} times faster", f"at least {wanted:g}", faster >= wanted)
+    return Row(
+        f"solver: {title}",
+        figure,
+        beside,
+        f"{faster:.1f} times faster",
+        f"at least {wanted:g}",
+        faster >= wanted,
+    )
 
 
 def monte_carlo() -> Row:
-    """Return the time of drawing and evaluating many trials beside one matrix product of the same size."""
+    """Return the time of drawing and evaluating many trials beside one matrix product of the same
+    size."""
     gain = estimate(survey(10, beams=1), "FXYZ").gain
     rng = np.random.default_rng(0)
     chunk = 20_000
@@ -81,7 +104,14 @@ def monte_carlo() -> Row:
     ours, theirs = paired(trials, lambda: drawn @ gain.T)
     beside = f"product of {gain.shape[0]} x {gain.shape[1]}: {theirs * 1e3:.0f} ms"
     ratio = ours / theirs
-    return Row("solver: 200,000 trials, n = 10", f"{ours * 1e3:.0f} ms", beside, f"{ratio:.1f} products", "at most 20", ratio <= 20)
+    return Row(
+        "solver: 200,000 trials, n = 10",
+        f"{ours * 1e3:.0f} ms",
+        beside,
+        f"{ratio:.1f} products",
+        "at most 20",
+        ratio <= 20,
+    )
 
 
 def rows() -> list[Row]:
@@ -93,5 +123,9 @@ def rows() -> list[Row]:
         beside_lstsq("n = 10, all 18, covariance", survey(10, beams=3), Model(angles=True), 1),
         beside_lstsq("n = 100, all 18, covariance", survey(100, beams=3), Model(angles=True), 10),
         monte_carlo(),
-        Row("solver: n = 10, the whole estimate", f"{whole * 1e3:.1f} ms", "tilts, noise, wrong stops, identifiability"),
+        Row(
+            "solver: n = 10, the whole estimate",
+            f"{whole * 1e3:.1f} ms",
+            "tilts, noise, wrong stops, identifiability",
+        ),
     ]

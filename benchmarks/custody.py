@@ -1,7 +1,8 @@
 """Is every flipped bit found? ``python -m benchmarks.custody --flips 10000``.
 
-One bit at a time, drawn over every file that a certificate rests on: a folder of readings, a signed certificate, a store with logs. The
-result is solved once for all flips of one place; everything else is read, hashed, written again and compared as always.
+One bit at a time, drawn over every file that a certificate rests on: a folder of readings, a signed
+certificate, a store with logs. The result is solved once for all flips of one place; everything
+else is read, hashed, written again and compared as always.
 """
 
 import argparse
@@ -39,11 +40,37 @@ def folder_of_readings(folder: Path) -> tuple[list[Path], Holds]:
     (folder / "readings.csv").write_text(render_readings(readings), encoding="utf-8")
     (folder / "laboratory.toml").write_text(LABORATORY, encoding="utf-8")
     _done("solve", folder / "readings.csv", "--out", folder / "result.json")
-    _done("export", folder / "result.json", "--controller", "linuxcnc", "--step-mm", "50", "--out", folder / "exports")
+    _done(
+        "export",
+        folder / "result.json",
+        "--controller",
+        "linuxcnc",
+        "--step-mm",
+        "50",
+        "--out",
+        folder / "exports",
+    )
     settings = ("--laboratory", folder / "laboratory.toml")
-    _done("report", folder / "result.json", folder / "exports", *settings, "--out", folder / "report.html")
-    _certify(folder / "result.json", folder / "exports", *settings, "--report", folder / "report.html", "--out", folder / "c.xml")
-    rests_on = [path for path in _files(folder) if path.suffix != HASH_SUFFIX]  # the result's own hash stands in the certificate
+    _done(
+        "report",
+        folder / "result.json",
+        folder / "exports",
+        *settings,
+        "--out",
+        folder / "report.html",
+    )
+    _certify(
+        folder / "result.json",
+        folder / "exports",
+        *settings,
+        "--report",
+        folder / "report.html",
+        "--out",
+        folder / "c.xml",
+    )
+    rests_on = [
+        path for path in _files(folder) if path.suffix != HASH_SUFFIX
+    ]  # the result's own hash stands in the certificate
     return rests_on, lambda: verify_certificate(folder / "c.xml", folder).broken is None
 
 
@@ -52,9 +79,16 @@ def signed_certificate(folder: Path) -> tuple[list[Path], Holds]:
     folder_of_readings(folder)
     key, certificate = signing_key(folder)
     _certify(
-        folder / "result.json", "--laboratory", folder / "laboratory.toml", "--key", key, "--key-certificate", certificate,
-        "--out", folder / "signed.xml",
-    )  # fmt: skip
+        folder / "result.json",
+        "--laboratory",
+        folder / "laboratory.toml",
+        "--key",
+        key,
+        "--key-certificate",
+        certificate,
+        "--out",
+        folder / "signed.xml",
+    )
 
     def holds() -> bool:
         require_signature(folder / "signed.xml", certificate)
@@ -80,7 +114,11 @@ def survey_in_a_store(folder: Path) -> tuple[list[Path], Holds]:
     add(survey, store)
     refresh_index(store, most_loose=0)
     _certify(survey, "--out", folder / "c.xml")
-    files = [path for path in _files(folder / "store") if path.suffix != ".json" or path.name != "stepdiag-store.json"]
+    files = [
+        path
+        for path in _files(folder / "store")
+        if path.suffix != ".json" or path.name != "stepdiag-store.json"
+    ]
     assert folder / "store" / INDEX in files
     return files, lambda: verify_in_store(folder / "c.xml", store.address).broken is None
 
@@ -93,16 +131,22 @@ def store_that_is_checked(folder: Path) -> tuple[list[Path], Holds]:
 
 
 def store_that_is_shown(folder: Path) -> tuple[list[Path], Holds]:
-    """Table, index and list of the same store: what `trend` shows is the same, or what is left out is named. The same is no miss."""
+    """Table, index and list of the same store: what `trend` shows is the same, or what is left out
+    is named. The same is no miss."""
     files, _ = survey_in_a_store(folder)
     store = Store(str(folder / "store"))
     (folder / "store" / INDEX).unlink()
 
     def shown() -> str:
-        return "".join(f"{one.quantity} {one.values.tolist()} {one.u.tolist()} {one.shown.tolist()}" for one in series_of(store))
+        return "".join(
+            f"{one.quantity} {one.values.tolist()} {one.u.tolist()} {one.shown.tolist()}"
+            for one in series_of(store)
+        )
 
     before = shown()
-    return [path for path in files if path.suffix == ".parquet" or path.name == LISTED], lambda: shown() != before
+    return [
+        path for path in files if path.suffix == ".parquet" or path.name == LISTED
+    ], lambda: shown() != before
 
 
 def result_beside_its_hash(folder: Path) -> tuple[list[Path], Holds]:
@@ -112,9 +156,14 @@ def result_beside_its_hash(folder: Path) -> tuple[list[Path], Holds]:
 
 
 PLACES = (
-    folder_of_readings, signed_certificate, survey_of_logs, survey_in_a_store, store_that_is_checked, store_that_is_shown,
+    folder_of_readings,
+    signed_certificate,
+    survey_of_logs,
+    survey_in_a_store,
+    store_that_is_checked,
+    store_that_is_shown,
     result_beside_its_hash,
-)  # fmt: skip
+)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -145,7 +194,8 @@ def solve_once() -> None:
 
 
 def missed(files: Sequence[Path], holds: Holds, flips: int, rng: np.random.Generator) -> list[str]:
-    """Return the files in which a flip was not found, one of ``flips`` drawn evenly over the files."""
+    """Return the files in which a flip was not found, one of ``flips`` drawn evenly over the
+    files."""
     found = []
     for turn in range(flips):
         path = files[turn % len(files)]
@@ -171,7 +221,8 @@ def main() -> None:
             unseen = missed(files, holds, given.flips // len(PLACES), rng)
             lost += len(unseen)
             print(
-                f"{make.__name__}: {given.flips // len(PLACES)} bits in {len(files)} files, {len(unseen)} not found {sorted(set(unseen))}",
+                f"{make.__name__}: {given.flips // len(PLACES)} bits in {len(files)} files, "
+                f"{len(unseen)} not found {sorted(set(unseen))}",
                 flush=True,
             )
     raise SystemExit(bool(lost))

@@ -1,4 +1,5 @@
-"""Do surveys that the planner proposes leave of exact machines what is forecast, do they end where that is stated, are screws named?
+"""Do surveys that the planner proposes leave of exact machines what is forecast, do they end where
+that is stated, are screws named?
 
 ``PYTHONPATH=tests/lib python -m benchmarks.designs [MACHINES]``
 """

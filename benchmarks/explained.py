@@ -1,7 +1,9 @@
-"""What does the solver make of surveys with one thing wrong, or of machines beside its model? Exact machines, no code of the solver.
+"""What does the solver make of surveys with one thing wrong, or of machines beside its model? Exact
+machines, no code of the solver.
 
-Each `Row` is one truth. For every survey of it: is it refused; is a wrong cause named; where it is not refused, does the true error after
-a compensation lie above the promise (silent and outside); and what is left beside the same survey without that truth (its ideal).
+Each `Row` is one truth. For every survey of it: is it refused; is a wrong cause named; where it is
+not refused, does the true error after a compensation lie above the promise (silent and outside);
+and what is left beside the same survey without that truth (its ideal).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,12 +52,14 @@ CAUSES = frozenset(
 )
 """Message keys that name one cause."""
 Extra = Callable[[str, int, Array, Array, Array, np.random.Generator], Array]
-"""What a reading shows beside machine and noise, in um: by setup, pass, positions (k, 3), direction (3,) and times (k,)."""
+"""What a reading shows beside machine and noise, in um: by setup, pass, positions (k, 3), direction
+(3,) and times (k,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One truth: what differs from a good survey. ``named`` are message keys that name it rightly."""
+    """One truth: what differs from a good survey. ``named`` are message keys that name it
+    rightly."""
 
     name: str
     setups: Sequence[str] = ALL
@@ -75,25 +79,40 @@ class Row:
     @property
     def ideal(self) -> "Row":
         """Return the same survey with nothing wrong."""
-        return replace(self, extra=None, machine=None, beam_end_mm=0.0, noise_um=NOISE_UM, stated_um=None, unseen_c=None)
+        return replace(
+            self,
+            extra=None,
+            machine=None,
+            beam_end_mm=0.0,
+            noise_um=NOISE_UM,
+            stated_um=None,
+            unseen_c=None,
+        )
 
 
 @dataclass(kw_only=True)
 class Beside(Machine):
-    """A machine whose tool is displaced by more than 21 functions say: ``field_um`` of positions (N, 3) from the low corner."""
+    """A machine whose tool is displaced by more than 21 functions say: ``field_um`` of positions
+    (N, 3) from the low corner."""
 
     field_um: Callable[[Array], Array]
 
     def pose(self, commanded_mm: Array, **how: object) -> Pose:
         """Return the true tool frame with the field in it."""
         pose = Machine.pose(self, commanded_mm, **how)  # type: ignore[arg-type]
-        return Pose(pose.origin_mm + 1e-3 * self.field_um(np.atleast_2d(commanded_mm) - self.origin_mm), pose.rotation)
+        return Pose(
+            pose.origin_mm + 1e-3 * self.field_um(np.atleast_2d(commanded_mm) - self.origin_mm),
+            pose.rotation,
+        )
 
 
 def beside(field_um: Callable[[Array], Array]) -> Callable[[Machine, int], Machine]:
     """Return what puts a field beside a machine's functions."""
     return lambda machine, _seed: Beside(
-        errors=machine.errors, chain=machine.chain, expansion_um_m_c=machine.expansion_um_m_c, field_um=field_um
+        errors=machine.errors,
+        chain=machine.chain,
+        expansion_um_m_c=machine.expansion_um_m_c,
+        field_um=field_um,
     )
 
 
@@ -113,37 +132,56 @@ def _exact(values: object) -> Array:
 
 
 def _scaled(setup: str, um_m: float) -> Extra:
-    return lambda name, _number, at, direction, _time, _rng: _exact(um_m * 1e-3 * (at @ direction) * (name == setup))
+    return lambda name, _number, at, direction, _time, _rng: _exact(
+        um_m * 1e-3 * (at @ direction) * (name == setup)
+    )
 
 
 def _slip(setup: str, size_um: float) -> Extra:
     return lambda name, number, at, _d, _t, rng: _exact(
-        size_um * (np.arange(len(at)) >= rng.integers(3, len(at) - 3)) * (name == setup and number == 1)
+        size_um
+        * (np.arange(len(at)) >= rng.integers(3, len(at) - 3))
+        * (name == setup and number == 1)
     )
 
 
 def _stop(setup: str, size_um: float) -> Extra:
     return lambda name, number, at, _d, _t, rng: _exact(
-        size_um * (np.arange(len(at)) == rng.integers(3, len(at) - 3)) * (name == setup and number == 1)
+        size_um
+        * (np.arange(len(at)) == rng.integers(3, len(at) - 3))
+        * (name == setup and number == 1)
     )
 
 
 def _wander(setup: str, size_um: float) -> Extra:
     return lambda name, number, at, _d, _t, rng: _exact(
-        size_um / np.sqrt(len(at)) * np.cumsum(rng.normal(size=len(at))) * (name == setup and number == 1)
+        size_um
+        / np.sqrt(len(at))
+        * np.cumsum(rng.normal(size=len(at)))
+        * (name == setup and number == 1)
     )
 
 
 def _turning(setup: str, urad: float) -> Extra:
-    """Return a mirror that turns with its way along the diagonal in one setup: a hose or a cable pulls at it."""
+    """Return a mirror that turns with its way along the diagonal in one setup: a hose or a cable
+    pulls at it."""
 
-    def extra(name: str, _number: int, at: Array, direction: Array, _time: Array, _rng: np.random.Generator) -> Array:
+    def extra(
+        name: str,
+        _number: int,
+        at: Array,
+        direction: Array,
+        _time: Array,
+        _rng: np.random.Generator,
+    ) -> Array:
         turn = 0.7
         level, up = perpendiculars(direction)
         along = at @ direction
         lean = urad * (along - np.min(along)) / np.ptp(along) * 1e-3
         first = at[int(np.argmin(along))]
-        return _exact(lean * ((at - first) @ (np.cos(turn) * level + np.sin(turn) * up)) * (name == setup))
+        return _exact(
+            lean * ((at - first) @ (np.cos(turn) * level + np.sin(turn) * up)) * (name == setup)
+        )
 
     return extra
 
@@ -151,10 +189,19 @@ def _turning(setup: str, urad: float) -> Extra:
 def _wound_up(size_um: float, over_mm: float) -> Extra:
     """Return an axis that has turned round and comes up only after some way."""
 
-    def extra(_name: str, _number: int, at: Array, direction: Array, _time: Array, _rng: np.random.Generator) -> Array:
+    def extra(
+        _name: str,
+        _number: int,
+        at: Array,
+        direction: Array,
+        _time: Array,
+        _rng: np.random.Generator,
+    ) -> Array:
         gone = np.abs(at - at[0])
         way = np.sign(at[-1] - at[0])
-        left: Array = -size_um * np.sum((1.0 - np.minimum(gone / over_mm, 1.0)) * way * direction, axis=1)
+        left: Array = -size_um * np.sum(
+            (1.0 - np.minimum(gone / over_mm, 1.0)) * way * direction, axis=1
+        )
         return left
 
     return extra
@@ -173,43 +220,113 @@ def _screws(size_um: float, pitch_mm: float) -> Callable[[Machine, int], Machine
         phase = np.random.default_rng((6, seed)).uniform(0.0, 2.0 * np.pi, 3)
         functions = dict(machine.errors.functions)
         for letter, at in zip("XYZ", phase.tolist(), strict=True):
-            functions[f"E{letter}{letter}"] = Waved(functions[f"E{letter}{letter}"], size_um, pitch_mm, at)
+            functions[f"E{letter}{letter}"] = Waved(
+                functions[f"E{letter}{letter}"], size_um, pitch_mm, at
+            )
         return replace(machine, errors=replace(machine.errors, functions=functions))
 
     return waved
 
 
-BEAMS = {"ppp+1": (0.0, 60.0, 0.0), "npp+1": (0.0, 60.0, 0.0), "ppp+2": (0.0, 0.0, 60.0), "pnp+1": (0.0, 0.0, 60.0)}
+BEAMS = {
+    "ppp+1": (0.0, 60.0, 0.0),
+    "npp+1": (0.0, 60.0, 0.0),
+    "ppp+2": (0.0, 0.0, 60.0),
+    "pnp+1": (0.0, 0.0, 60.0),
+}
 FACES = ("face-xy-pp", "face-xy-np", "face-xz-pp", "face-xz-np")
-EDGES = {"linear-x+1": (0.0, 400.0, 300.0), "linear-y+1": (500.0, 0.0, 300.0), "linear-z+1": (500.0, 400.0, 0.0)}
+EDGES = {
+    "linear-x+1": (0.0, 400.0, 300.0),
+    "linear-y+1": (500.0, 0.0, 300.0),
+    "linear-z+1": (500.0, 400.0, 0.0),
+}
 ROWS = (
     Row(name="good survey"),
     Row(name="good survey, out and back", passes=(1, 2)),
-    *(Row(name=f"npp {um_m:g} um/m off", extra=_scaled("npp", um_m), named=frozenset(("npp",))) for um_m in (5, 20, 40, 70, 93)),
-    Row(name="linear-y 50 um/m off", extra=_scaled("linear-y", 50.0), named=frozenset(("linear-y",))),
-    Row(name="two days, 6 K apart", unseen_c=lambda name: 6.0 * (name in RUNS), named=frozenset(("drift-large.growth",))),
     *(
-        Row(name=f"{urad:g} urad, beams shifted in y and z", setups=(*ALL, *BEAMS), shifts_mm=BEAMS, angle_urad=urad)
+        Row(name=f"npp {um_m:g} um/m off", extra=_scaled("npp", um_m), named=frozenset(("npp",)))
+        for um_m in (5, 20, 40, 70, 93)
+    ),
+    Row(
+        name="linear-y 50 um/m off", extra=_scaled("linear-y", 50.0), named=frozenset(("linear-y",))
+    ),
+    Row(
+        name="two days, 6 K apart",
+        unseen_c=lambda name: 6.0 * (name in RUNS),
+        named=frozenset(("drift-large.growth",)),
+    ),
+    *(
+        Row(
+            name=f"{urad:g} urad, beams shifted in y and z",
+            setups=(*ALL, *BEAMS),
+            shifts_mm=BEAMS,
+            angle_urad=urad,
+        )
         for urad in (5.0, 30.0, 90.0)
     ),
-    *(Row(name=f"{urad:g} urad, four faces", setups=(*ALL, *FACES), angle_urad=urad) for urad in (5.0, 30.0, 90.0)),
     *(
-        Row(name=f"{urad:g} urad, three further edges", setups=(*ALL, *EDGES), shifts_mm=EDGES, angle_urad=urad)
+        Row(name=f"{urad:g} urad, four faces", setups=(*ALL, *FACES), angle_urad=urad)
+        for urad in (5.0, 30.0, 90.0)
+    ),
+    *(
+        Row(
+            name=f"{urad:g} urad, three further edges",
+            setups=(*ALL, *EDGES),
+            shifts_mm=EDGES,
+            angle_urad=urad,
+        )
         for urad in (5.0, 30.0, 90.0)
     ),
     Row(name="screw 3 um, pitch 10 mm", machine=_screws(3.0, 10.0), feedback="screw"),
-    Row(name="EY(x, z) of 4 um", machine=beside(_of(1, 4.0, 0, 2)), named=frozenset(("machine-beside-model",))),
-    Row(name="EX(x, y) of 8 um", machine=beside(_of(0, 8.0, 0, 1)), named=frozenset(("machine-beside-model",))),
-    Row(name="ram sag 30 um as y^2 z", machine=beside(_of(2, -30.0, 1, 1, 2)), named=frozenset(("machine-beside-model",))),
+    Row(
+        name="EY(x, z) of 4 um",
+        machine=beside(_of(1, 4.0, 0, 2)),
+        named=frozenset(("machine-beside-model",)),
+    ),
+    Row(
+        name="EX(x, y) of 8 um",
+        machine=beside(_of(0, 8.0, 0, 1)),
+        named=frozenset(("machine-beside-model",)),
+    ),
+    Row(
+        name="ram sag 30 um as y^2 z",
+        machine=beside(_of(2, -30.0, 1, 1, 2)),
+        named=frozenset(("machine-beside-model",)),
+    ),
     Row(name="mirror turns 100 urad in ppp", extra=_turning("ppp", 100.0)),
-    Row(name="mirror turns 100 urad in ppp, out and back", extra=_turning("ppp", 100.0), passes=(1, 2)),
-    Row(name="warms 10 um per 500 mm in an hour", machine=_warming(20.0), named=frozenset(("drift-large.growth",))),
-    Row(name="warms 20 um per 500 mm in an hour", machine=_warming(40.0), named=frozenset(("drift-large.growth",))),
+    Row(
+        name="mirror turns 100 urad in ppp, out and back",
+        extra=_turning("ppp", 100.0),
+        passes=(1, 2),
+    ),
+    Row(
+        name="warms 10 um per 500 mm in an hour",
+        machine=_warming(20.0),
+        named=frozenset(("drift-large.growth",)),
+    ),
+    Row(
+        name="warms 20 um per 500 mm in an hour",
+        machine=_warming(40.0),
+        named=frozenset(("drift-large.growth",)),
+    ),
     Row(name="wind-up 5 um over 20 mm", extra=_wound_up(5.0, 20.0), increments=20, passes=(1, 2)),
     Row(name="every beam 3 mm off at its end", beam_end_mm=3.0),
-    Row(name="stated u 0.05, true 0.5 um", noise_um=0.5, stated_um=0.05, named=frozenset(("stated-u-low",))),
-    *(Row(name=f"slip {um:g} um in pnp", extra=_slip("pnp", um), named=frozenset(("count-step",))) for um in (5, 20, 200)),
-    Row(name="slip 5 um in pnp, out and back", extra=_slip("pnp", 5.0), named=frozenset(("count-step",)), passes=(1, 2)),
+    Row(
+        name="stated u 0.05, true 0.5 um",
+        noise_um=0.5,
+        stated_um=0.05,
+        named=frozenset(("stated-u-low",)),
+    ),
+    *(
+        Row(name=f"slip {um:g} um in pnp", extra=_slip("pnp", um), named=frozenset(("count-step",)))
+        for um in (5, 20, 200)
+    ),
+    Row(
+        name="slip 5 um in pnp, out and back",
+        extra=_slip("pnp", 5.0),
+        named=frozenset(("count-step",)),
+        passes=(1, 2),
+    ),
     Row(name="stop 5 um off in ppn", extra=_stop("ppn", 5.0), named=frozenset(("stop-outlier",))),
     Row(name="stop 20 um off in ppn", extra=_stop("ppn", 20.0), named=frozenset(("stop-outlier",))),
     Row(name="ppp wanders 5 um", extra=_wander("ppp", 5.0), named=frozenset(("pass-wanders",))),
@@ -235,7 +352,9 @@ class Judged:
 
 def machine_of(row: Row, seed: int) -> Machine:
     """Return the machine of a row's survey."""
-    wanted = Amplitudes(positioning_um=6.0, straightness_um=5.0, angle_urad=row.angle_urad, scale_um_m=20.0)
+    wanted = Amplitudes(
+        positioning_um=6.0, straightness_um=5.0, angle_urad=row.angle_urad, scale_um_m=20.0
+    )
     errors: ErrorSet = random_errors(seed, (0.0, 0.0, 0.0), SIZE_MM, wanted)
     machine = Machine(errors=errors, expansion_um_m_c=(11.7,) * 3, environment=Environment())
     return machine if row.machine is None else row.machine(machine, seed)
@@ -245,7 +364,13 @@ def _signs(setup: str) -> Array:
     base = setup.partition("+")[0]
     signs = np.zeros(3)
     kind, _, rest = base.partition("-")
-    axes, letters = (rest, "p") if kind == "linear" else tuple(rest.split("-")) if kind == "face" else ("xyz", base)
+    axes, letters = (
+        (rest, "p")
+        if kind == "linear"
+        else tuple(rest.split("-"))
+        if kind == "face"
+        else ("xyz", base)
+    )
     for axis, letter in zip(axes, letters, strict=True):
         signs["xyz".index(axis)] = 1.0 if letter == "p" else -1.0
     return signs
@@ -253,7 +378,11 @@ def _signs(setup: str) -> Array:
 
 def _stops_mm(row: Row, setup: str) -> Array:
     signs, size = _signs(setup), np.array(SIZE_MM)
-    shift = np.array(row.shifts_mm.get(setup, (0.0, 0.0, 0.0))) if setup.startswith("linear") else np.zeros(3)
+    shift = (
+        np.array(row.shifts_mm.get(setup, (0.0, 0.0, 0.0)))
+        if setup.startswith("linear")
+        else np.zeros(3)
+    )
     here = np.where(signs < 0, size, shift)
     stops = [here.copy()]
     for _ in range(row.increments):
@@ -266,7 +395,9 @@ def _stops_mm(row: Row, setup: str) -> Array:
 def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
     """Return the readings of a row's survey, and the machine at their mean time."""
     rng, of_extra = np.random.default_rng((7, seed)), np.random.default_rng((8, seed))
-    columns: dict[str, list[Array]] = {name: [] for name in ("position_mm", "reading_mm", "time_s", "beam_mm", "unseen_c")}
+    columns: dict[str, list[Array]] = {
+        name: [] for name in ("position_mm", "reading_mm", "time_s", "beam_mm", "unseen_c")
+    }
     names: list[str] = []
     numbers: list[int] = []
     stops: list[int] = []
@@ -281,29 +412,48 @@ def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
         lean = TILT_MRAD * np.array([np.cos(turn := rng.uniform(0, 2 * np.pi)), np.sin(turn)])
         ends = row.beam_end_mm / length * 1e3 * np.array([np.cos(turn), np.sin(turn)])
         beam = tilted(direction, tuple((ends if linear or row.beam_end_mm else lean).tolist()))
-        through = outward[0] + (np.zeros(3) if linear else np.array(row.shifts_mm.get(setup, (0.0, 0.0, 0.0))))
+        through = outward[0] + (
+            np.zeros(3) if linear else np.array(row.shifts_mm.get(setup, (0.0, 0.0, 0.0)))
+        )
         target = (
             CornerCube(np.zeros(3))
             if linear
-            else PlaneMirror(np.zeros(3), tilted(direction, tuple((lean if not row.beam_end_mm else ends).tolist())))
+            else PlaneMirror(
+                np.zeros(3),
+                tilted(direction, tuple((lean if not row.beam_end_mm else ends).tolist())),
+            )
         )
-        placed = Setup(name=setup, beam=Beam(through - 300.0 * beam, beam), target=target, zero_mm=outward[0])
+        placed = Setup(
+            name=setup, beam=Beam(through - 300.0 * beam, beam), target=target, zero_mm=outward[0]
+        )
         unseen_c = 0.0 if row.unseen_c is None else row.unseen_c(setup)
         hot = replace(
-            machine, environment=replace(machine.environment, material_c=replace(machine.environment.material_c, start=20.0 + unseen_c))
+            machine,
+            environment=replace(
+                machine.environment,
+                material_c=replace(machine.environment.material_c, start=20.0 + unseen_c),
+            ),
         )
         zero_mm = 0.0
         for number in row.passes:
             at = outward if number % 2 else outward[::-1].copy()
             way = _signs(setup) if number % 2 else -_signs(setup)
-            came = arrivals(DrivenPass(setup, number, at, way), Scatter(arrival_um=(REPEATABILITY_UM,) * 3), rng)
+            came = arrivals(
+                DrivenPass(setup, number, at, way), Scatter(arrival_um=(REPEATABILITY_UM,) * 3), rng
+            )
             time_s = _exact(start_s + 10.0 * np.arange(len(at)))
             reading = hot.indicated_mm(placed, at + came.off_mm, direction=came.side, time_s=time_s)
             reading = _exact(reading + 1e-3 * rng.normal(scale=row.noise_um, size=len(at)))
             if row.extra is not None:
-                reading = _exact(reading + 1e-3 * row.extra(setup, number, at, direction, time_s, of_extra))
+                reading = _exact(
+                    reading + 1e-3 * row.extra(setup, number, at, direction, time_s, of_extra)
+                )
             zero_mm = float(reading[0]) if number == row.passes[0] else zero_mm
-            for name, values in (("position_mm", at), ("reading_mm", reading - zero_mm), ("time_s", time_s)):
+            for name, values in (
+                ("position_mm", at),
+                ("reading_mm", reading - zero_mm),
+                ("time_s", time_s),
+            ):
                 columns[name].append(values)
             columns["beam_mm"].append(np.tile(through, (len(at), 1)))
             columns["unseen_c"].append(np.full(len(at), unseen_c))
@@ -316,7 +466,14 @@ def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
     whole = {name: np.concatenate(values) for name, values in columns.items()}
     unseen = whole.pop("unseen_c")
     stated = row.noise_um if row.stated_um is None else row.stated_um
-    readings = make_readings(setup=names, pass_number=numbers, stop=stops, u_um=[stated] * len(names), zero=zeros, **whole)  # type: ignore[arg-type]
+    readings = make_readings(
+        setup=names,
+        pass_number=numbers,
+        stop=stops,
+        u_um=[stated] * len(names),
+        zero=zeros,
+        **whole,  # type: ignore[arg-type]
+    )
     truth = mean_machine(machine, whole["time_s"], unseen)
     return readings, beside(machine.field_um)(truth, seed) if isinstance(machine, Beside) else truth
 
@@ -341,9 +498,20 @@ def judge(row: Row, seed: int, ideal_um: float | None = None) -> Judged:
     if ideal_um is None:
         ideal_um = judge(row.ideal, seed, 0.0).after.true  # type: ignore[union-attr]
     try:
-        result = solve(readings, chain=truth.chain, assumed=Assumptions(between_um=usual_sizes("ordinary", row.feedback)["between_um"]))
+        result = solve(
+            readings,
+            chain=truth.chain,
+            assumed=Assumptions(between_um=usual_sizes("ordinary", row.feedback)["between_um"]),
+        )
     except StepdiagError as error:
-        return Judged(refused=True, codes=(str(error)[:60],), wrong=False, after=None, before_um=left_um(points, true), ideal_um=ideal_um)
+        return Judged(
+            refused=True,
+            codes=(str(error)[:60],),
+            wrong=False,
+            after=None,
+            before_um=left_um(points, true),
+            ideal_um=ideal_um,
+        )
     found = error_field_um(result, points)
     promised = predicted(result, points, -found).without_rigid_motion["after"].rms_um
     return Judged(
@@ -359,17 +527,25 @@ def judge(row: Row, seed: int, ideal_um: float | None = None) -> Judged:
 def line(row: Row, judged: Sequence[Judged]) -> str:
     """Return the line of the table of a row."""
     count = len(judged)
-    refused, silent, wrong = (sum(getattr(one, name) for one in judged) for name in ("refused", "silent", "wrong"))
+    refused, silent, wrong = (
+        sum(getattr(one, name) for one in judged) for name in ("refused", "silent", "wrong")
+    )
     left = np.sqrt(np.mean([one.after.true**2 for one in judged if one.after]))
     ideal = np.sqrt(np.mean([one.ideal_um**2 for one in judged]))
     high = np.mean([one.after.high for one in judged if one.after])
     low = sum(one.after.true < one.after.low for one in judged if one.after)
-    return f"| {row.name} | {silent} | {wrong} | {refused} | {low} | {left:.2f} | {high:.2f} | {left / ideal:.2f} | {count} |"
+    return (
+        f"| {row.name} | {silent} | {wrong} | {refused} | {low} | {left:.2f} | {high:.2f} | "
+        f"{left / ideal:.2f} | {count} |"
+    )
 
 
 def print_rows(seeds: Sequence[int], part: str = "") -> None:
     """Print the table of the rows whose name contains ``part``."""
-    print("| truth | silent and outside | wrong name | refused | below promise | rms left, um | at most | over ideal | surveys |")
+    print(
+        "| truth | silent and outside | wrong name | refused | below promise | rms left, um | at "
+        "most | over ideal | surveys |"
+    )
     print("|---|---|---|---|---|---|---|---|---|", flush=True)
     for row in ROWS:
         if part in row.name:

@@ -1,13 +1,18 @@
-"""How often does the solver refuse a good survey, and does the truth lie within its promise where it does not?
+"""How often does the solver refuse a good survey, and does the truth lie within its promise where
+it does not?
 
-Two distributions of exact machines and shops that share no code with the solver, nothing wrong in any survey:
+Two distributions of exact machines and shops that share no code with the solver, nothing wrong in
+any survey:
 
-- ``stated``: machines drawn from the solver's own assumed sizes (`stepdiag.base.conditions.assumptions.Assumptions`);
-- ``ordinary``: machines and shops of `stepdiag.virtual.physics.ordinary` and `stepdiag.virtual.drive.shop`, solved with the default
-  assumptions: the user states nothing but the sensor noise of each reading.
+- ``stated``: machines drawn from the solver's own assumed sizes
+  (`stepdiag.base.conditions.assumptions.Assumptions`);
+- ``ordinary``: machines and shops of `stepdiag.virtual.physics.ordinary` and
+  `stepdiag.virtual.drive.shop`, solved with the default assumptions: the user states nothing but
+  the sensor noise of each reading.
 
-``drawn_survey(seed, kind)`` returns a survey with its truth, ``judge_survey(seed, kind)`` what the solver makes of it. The truth is the
-machine at the mean time of the readings (growth and material temperature as their means), mean of both directions of approach.
+``drawn_survey(seed, kind)`` returns a survey with its truth, ``judge_survey(seed, kind)`` what the
+solver makes of it. The truth is the machine at the mean time of the readings (growth and material
+temperature as their means), mean of both directions of approach.
 """
 
 import os
@@ -42,7 +47,14 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.shop import Beam, DrivenSurvey, Shop, draw_shop, drive_survey
-from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, ErrorSet, Table, Waved, random_errors
+from stepdiag.virtual.physics.error_functions import (
+    AXES,
+    Amplitudes,
+    ErrorSet,
+    Table,
+    Waved,
+    random_errors,
+)
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.physics.ordinary import CHAINS, OrdinaryMachine, draw_machine
 
@@ -74,10 +86,11 @@ class Drawn(NamedTuple):
 class Judged:
     """What the solver said of one good survey.
 
-    ``errors`` and ``warnings`` are the codes of the result's findings, once each. A survey that ``solve`` refuses has the error
-    ``solve: <what was expected>``; ``before`` and ``after`` are None there, ``within`` is empty. ``export`` are the codes, of errors and of
-    warnings, with which an export of tables with the survey's steps is refused for reasons of its own where no warning is accepted.
-    ``about`` names machine and shop.
+    ``errors`` and ``warnings`` are the codes of the result's findings, once each. A survey that
+    ``solve`` refuses has the error ``solve: <what was expected>``; ``before`` and ``after`` are
+    None there, ``within`` is empty. ``export`` are the codes, of errors and of warnings, with which
+    an export of tables with the survey's steps is refused for reasons of its own where no warning
+    is accepted. ``about`` names machine and shop.
     """
 
     seed: int
@@ -93,7 +106,8 @@ class Judged:
 
     @property
     def refused(self) -> bool:
-        """Tell whether the solver refuses: no result, or one with an error in it, of which no export is made."""
+        """Tell whether the solver refuses: no result, or one with an error in it, of which no
+        export is made."""
         return bool(self.errors)
 
 
@@ -105,7 +119,9 @@ def drawn_survey(seed: int, kind: Kind, *, large: bool = False) -> Drawn:
     drawn = draw_machine(rng, large=large)
     shop = draw_shop(rng, drawn)
     survey = drive_survey(drawn.machine, shop)
-    return Drawn(readings_of(survey), survey.truth, drawn.machine.chain, Assumptions(), shop.box, shop, drawn)
+    return Drawn(
+        readings_of(survey), survey.truth, drawn.machine.chain, Assumptions(), shop.box, shop, drawn
+    )
 
 
 def readings_of(survey: DrivenSurvey) -> Readings:
@@ -155,7 +171,8 @@ def _stated(seed: int) -> Drawn:
 
 
 def _stated_errors(seed: int, rng: np.random.Generator, assumed: Assumptions, box: Box) -> ErrorSet:
-    """Draw smooth functions of the assumed sizes, waves too short for the targets, and a reversal to 4 um."""
+    """Draw smooth functions of the assumed sizes, waves too short for the targets, and a reversal
+    to 4 um."""
     amplitudes = Amplitudes(
         positioning_um=assumed.shape_um,
         straightness_um=assumed.shape_um,
@@ -167,10 +184,19 @@ def _stated_errors(seed: int, rng: np.random.Generator, assumed: Assumptions, bo
     functions = dict(drawn.functions)
     for axis, letter in enumerate(AXES):
         period_mm = box.size_mm[axis] / box.increments * float(rng.uniform(0.5, 1.9))
-        size, phase = np.sqrt(2.0 * BETWEEN_SHARE) * assumed.between_um, float(rng.uniform(0.0, 2.0 * np.pi))
-        functions[f"E{letter}{letter}"] = Waved(functions[f"E{letter}{letter}"], size, period_mm, phase)
-    lost = {f"E{letter}{letter}": Table((0.0,), (-float(rng.uniform(0.0, 4.0)),)) for letter in AXES}
-    squareness = {name: float(rng.normal(scale=assumed.squareness_urad)) for name in drawn.squareness_urad}
+        size, phase = (
+            np.sqrt(2.0 * BETWEEN_SHARE) * assumed.between_um,
+            float(rng.uniform(0.0, 2.0 * np.pi)),
+        )
+        functions[f"E{letter}{letter}"] = Waved(
+            functions[f"E{letter}{letter}"], size, period_mm, phase
+        )
+    lost = {
+        f"E{letter}{letter}": Table((0.0,), (-float(rng.uniform(0.0, 4.0)),)) for letter in AXES
+    }
+    squareness = {
+        name: float(rng.normal(scale=assumed.squareness_urad)) for name in drawn.squareness_urad
+    }
     return replace(drawn, functions=functions, squareness_urad=squareness, reversal=lost)
 
 
@@ -205,7 +231,9 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
         errors=_codes(result, "error"),
         warnings=_codes(result, "warning"),
         export=export_codes(result),
-        texts=tuple(f"{each.code}: {each.words}" for each in result.findings if each.severity != "info"),
+        texts=tuple(
+            f"{each.code}: {each.words}" for each in result.findings if each.severity != "info"
+        ),
         before=before,
         after=after,
         within=within(result, survey.machine, survey.box.increments),
@@ -215,18 +243,28 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
 def about(survey: Drawn) -> str:
     """Return machine and shop in a line."""
     shop, box = survey.shop, survey.shop.box
-    machine = "stated sizes" if survey.drawn is None else f"{survey.drawn.quality}, {survey.drawn.feedback}"
+    machine = (
+        "stated sizes"
+        if survey.drawn is None
+        else f"{survey.drawn.quality}, {survey.drawn.feedback}"
+    )
     size = "x".join(f"{length:g}" for length in box.size_mm)
     program = f"{box.decimals} decimals{', G91' if box.incremental else ''}, overrun {shop.overrun}"
-    positions = f"{shop.registers.shows} positions ({max((*shop.scatter.servo_um, shop.registers.scatter_um)):.1f} um)"
+    positions = (
+        f"{shop.registers.shows} positions "
+        f"({max((*shop.scatter.servo_um, shop.registers.scatter_um)):.1f} um)"
+    )
     scatter = f"repeats to {max(shop.scatter.arrival_um):.2f} um, u {shop.beam.noise_um:.2f} um"
     counts = f"n {box.increments}, {len(shop.setups)} setups, {shop.passes} passes"
     return f"{machine}, {survey.chain}, {size} mm, {counts}, {program}, {positions}, {scatter}"
 
 
 def told_of(result: Result, truth: Machine, box: Box) -> tuple[Told, Told]:
-    """Return true volumetric rms errors with their intervals: as it is, and after an ideal compensation of all that was found."""
-    points = np.asarray(box.origin_mm) + np.random.default_rng(5).uniform(size=(POINTS, 3)) * np.asarray(box.size_mm)
+    """Return true volumetric rms errors with their intervals: as it is, and after an ideal
+    compensation of all that was found."""
+    points = np.asarray(box.origin_mm) + np.random.default_rng(5).uniform(
+        size=(POINTS, 3)
+    ) * np.asarray(box.size_mm)
     true, found = truth.error_at(points), error_field_um(result, points)
     stated = predicted(result, points, -found).without_rigid_motion
     return Told(left_um(points, true), **written(stated["before"].rms_um)), Told(
@@ -239,7 +277,8 @@ def _codes(result: Result, severity: str) -> tuple[str, ...]:
 
 
 def export_codes(result: Result) -> tuple[str, ...]:
-    """Return the codes with which an export for a SINUMERIK without a profile is refused, besides errors of the result itself."""
+    """Return the codes with which an export for a SINUMERIK without a profile is refused, besides
+    errors of the result itself."""
     control = controller_named("siemens")
     profile = quick_profile(control, result.volume)
     try:
@@ -248,7 +287,15 @@ def export_codes(result: Result) -> tuple[str, ...]:
     except StepdiagError as error:
         return (_refusal("export", error),)
     findings = (*run_checks(made.case), *worse_findings(prediction, made.standing, result, profile))
-    return tuple(sorted({each.code for each in findings if each.severity != "info" and each.code != "data-quality"}))
+    return tuple(
+        sorted(
+            {
+                each.code
+                for each in findings
+                if each.severity != "info" and each.code != "data-quality"
+            }
+        )
+    )
 
 
 def _refusal(door: str, error: StepdiagError) -> str:
@@ -257,10 +304,14 @@ def _refusal(door: str, error: StepdiagError) -> str:
     return f"{door}: expected {' '.join(words[:9])}"
 
 
-def judged_surveys(seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, large: bool = False) -> list[Judged]:
-    """Judge the surveys of many seeds in processes of their own, each with one thread of linear algebra.
+def judged_surveys(
+    seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, large: bool = False
+) -> list[Judged]:
+    """Judge the surveys of many seeds in processes of their own, each with one thread of linear
+    algebra.
 
-    With several workers the caller's main module is imported again: it needs ``if __name__ == "__main__"``.
+    With several workers the caller's main module is imported again: it needs ``if __name__ ==
+    "__main__"``.
     """
     judge: Callable[[int], Judged] = partial(judge_survey, kind=kind, large=large)
     if workers < 2:
@@ -273,12 +324,26 @@ def judged_surveys(seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, 
 def table(judged: Sequence[Judged]) -> str:
     """Return the table of false alarms of one distribution."""
     count = len(judged)
-    counts = [Counter(code for one in judged for code in getattr(one, column)) for column in COLUMNS]
-    codes = sorted({code for column in counts for code in column}, key=lambda code: (*(-column[code] for column in counts), code))
+    counts = [
+        Counter(code for one in judged for code in getattr(one, column)) for column in COLUMNS
+    ]
+    codes = sorted(
+        {code for column in counts for code in column},
+        key=lambda code: (*(-column[code] for column in counts), code),
+    )
     rows = [(code, *(column[code] for column in counts)) for code in codes]
     rows.append(("any", *(sum(bool(getattr(one, column)) for one in judged) for column in COLUMNS)))
-    lines = [f"| {code} | {' | '.join(_share(each, count) for each in shares)} |" for code, *shares in rows]
-    return "\n".join(["| finding | error: no export | warning | export refused by itself |", "|---|---|---|---|", *lines])
+    lines = [
+        f"| {code} | {' | '.join(_share(each, count) for each in shares)} |"
+        for code, *shares in rows
+    ]
+    return "\n".join(
+        [
+            "| finding | error: no export | warning | export refused by itself |",
+            "|---|---|---|---|",
+            *lines,
+        ]
+    )
 
 
 def _share(part: int, of: int) -> str:
@@ -286,21 +351,31 @@ def _share(part: int, of: int) -> str:
 
 
 def promises(judged: Sequence[Judged]) -> str:
-    """Return how many of the surveys that were not refused lie within what their result promised."""
+    """Return how many of the surveys that were not refused lie within what their result
+    promised."""
     kept = [one for one in judged if not one.refused and one.before and one.after]
     stopped = sum(one.refused or bool(one.export) for one in judged)
     refused = len(judged) - len(kept)
     known = [one.after for one in judged if one.refused and one.after]
     lines = [
         f"refused by the solver: {_share(refused, len(judged))}",
-        f"refused by the solver or by an export that accepts no warning: {_share(stopped, len(judged))}",
-        f"of the refused ones with a result, true rms after inside the interval: {sum(one.inside for one in known)} of {len(known)}",
+        (
+            "refused by the solver or by an export that accepts no warning: "
+            f"{_share(stopped, len(judged))}"
+        ),
+        (
+            "of the refused ones with a result, true rms after inside the interval: "
+            f"{sum(one.inside for one in known)} of {len(known)}"
+        ),
         f"{len(kept)} of {len(judged)} surveys not refused by the solver; of these:",
     ]
     for when in ("before", "after"):
         told = [getattr(one, when) for one in kept]
         inside, below = sum(one.inside for one in told), sum(one.true < one.low for one in told)
-        lines.append(f"- {when}: true rms inside the interval {_share(inside, len(told))}, below it {_share(below, len(told))}")
+        lines.append(
+            f"- {when}: true rms inside the interval {_share(inside, len(told))}, below it "
+            f"{_share(below, len(told))}"
+        )
     for kind in ("functions", "squareness", "scale"):
         values = [value for one in kept for value in one.within.get(kind, [])]
         lines.append(f"- {kind} within 2u: {_share(sum(values), len(values))} of {len(values)}")
@@ -308,12 +383,21 @@ def promises(judged: Sequence[Judged]) -> str:
 
 
 def print_false_alarms(
-    count: int, first: int = FIRST_SEED, kinds: Sequence[Kind] = KINDS, *, workers: int = WORKERS, large: bool = False
+    count: int,
+    first: int = FIRST_SEED,
+    kinds: Sequence[Kind] = KINDS,
+    *,
+    workers: int = WORKERS,
+    large: bool = False,
 ) -> None:
-    """Print the table and the promises of the distributions, and the seeds of the refused surveys; ``large``: ordinary axes of 1 to 4 m."""
+    """Print the table and the promises of the distributions, and the seeds of the refused surveys;
+    ``large``: ordinary axes of 1 to 4 m."""
     for kind in kinds:
         judged = judged_surveys(range(first, first + count), kind, workers=workers, large=large)
-        print(f"\n{kind}: {count} good surveys, seeds {first} to {first + count - 1}\n\n{table(judged)}\n\n{promises(judged)}")
+        print(
+            f"\n{kind}: {count} good surveys, seeds {first} to "
+            f"{first + count - 1}\n\n{table(judged)}\n\n{promises(judged)}"
+        )
         for one in judged:
             if one.refused:
                 print(f"  refused: seed {one.seed}: {', '.join(one.errors)} ({one.about})")

@@ -1,9 +1,12 @@
-"""``python -m benchmarks.fates``: what becomes of machines over years, and what `trend` and `compare` report of it.
+"""``python -m benchmarks.fates``: what becomes of machines over years, and what `trend` and
+`compare` report of it.
 
-Every survey is one of a machine that the virtual machine drove and the solver solved, noise and all; what its fate changes is added to
-its result, which is linear in it. A machine has its own pool of surveys, and every history draws from it. Counted a fate and calendar:
-machines with an invented change; changes beyond 3 U that are reported as unchanged; steps whose interval holds the true survey; days of
-leaving whose interval holds the true day; and the same two questions put to `compare` for the first and the last survey.
+Every survey is one of a machine that the virtual machine drove and the solver solved, noise and
+all; what its fate changes is added to its result, which is linear in it. A machine has its own pool
+of surveys, and every history draws from it. Counted a fate and calendar: machines with an invented
+change; changes beyond 3 U that are reported as unchanged; steps whose interval holds the true
+survey; days of leaving whose interval holds the true day; and the same two questions put to
+`compare` for the first and the last survey.
 """
 
 import argparse
@@ -43,7 +46,8 @@ WATCHED = "C0Y"
 
 @dataclass(kw_only=True)
 class Life:
-    """A history as it is drawn: results with their days, and the truth: which quantities change, at which survey, when one leaves."""
+    """A history as it is drawn: results with their days, and the truth: which quantities change, at
+    which survey, when one leaves."""
 
     results: list[Result]
     days: list[float]
@@ -68,13 +72,19 @@ def pool_of(number: int) -> list[Result]:
     """Return surveys of one machine, each with noise, drift and mirror of its own."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     machine = machine_of(CASE, FIRST_SEED + number)
-    return [solve(drive(CASE, machine, 100 * (FIRST_SEED + number) + survey)) for survey in range(POOL)]
+    return [
+        solve(drive(CASE, machine, 100 * (FIRST_SEED + number) + survey)) for survey in range(POOL)
+    ]
 
 
 def _size(life: Life, dice: np.random.Generator, name: str) -> float:
     """Draw the size of a change of a quantity."""
     first = life.results[0]
-    u = first.squareness[name].u if name in first.squareness else float(np.max(first.errors[name].u))  # type: ignore[arg-type]
+    u = (
+        first.squareness[name].u
+        if name in first.squareness
+        else float(np.max(first.errors[name].u))  # type: ignore[arg-type]
+    )
     assert u is not None
     return float(dice.choice([-1, 1]) * dice.uniform(*SIZES_U)) * 2 * u
 
@@ -82,13 +92,19 @@ def _size(life: Life, dice: np.random.Generator, name: str) -> float:
 def _squarer(result: Result, name: str, by: float) -> Result:
     value = result.squareness[name].value
     assert value is not None
-    return replace(result, squareness={**result.squareness, name: replace(result.squareness[name], value=value + by)})
+    return replace(
+        result,
+        squareness={**result.squareness, name: replace(result.squareness[name], value=value + by)},
+    )
 
 
 def _bent(result: Result, name: str, by: Callable[[Function], Vector]) -> Result:
     function = result.errors[name]
     assert function.value is not None
-    return replace(result, errors={**result.errors, name: replace(function, value=function.value + by(function))})
+    return replace(
+        result,
+        errors={**result.errors, name: replace(function, value=function.value + by(function))},
+    )
 
 
 def _change_at(life: Life, dice: np.random.Generator) -> int:
@@ -124,7 +140,9 @@ def dent(life: Life, dice: np.random.Generator) -> None:
     life.touched = {"EYX"}
     for number in range(at, len(life.results)):
         life.results[number] = _bent(
-            life.results[number], "EYX", lambda each: size * np.eye(len(each.position_mm))[len(each.position_mm) // 2]
+            life.results[number],
+            "EYX",
+            lambda each: size * np.eye(len(each.position_mm))[len(each.position_mm) // 2],
         )
 
 
@@ -148,7 +166,8 @@ def turned(life: Life, dice: np.random.Generator) -> None:
 
 
 def drift(life: Life, dice: np.random.Generator) -> None:
-    """Let one squareness run away over the years, and state the day on which it leaves a tolerance."""
+    """Let one squareness run away over the years, and state the day on which it leaves a
+    tolerance."""
     size = _size(life, dice, WATCHED)
     years = np.array(life.days) / YEAR.days
     slope = size / years[-1]
@@ -157,7 +176,10 @@ def drift(life: Life, dice: np.random.Generator) -> None:
         life.results[number] = _squarer(life.results[number], WATCHED, slope * at)
     ahead = float(dice.uniform(0.3, 1.5)) * years[-1]
     tolerance = abs(life.truth + slope * (years[-1] + ahead))
-    if np.sign(life.truth + slope * (years[-1] + ahead)) == np.sign(slope) and abs(life.truth + slope * years[-1]) < tolerance:
+    if (
+        np.sign(life.truth + slope * (years[-1] + ahead)) == np.sign(slope)
+        and abs(life.truth + slope * years[-1]) < tolerance
+    ):
         life.leaves = (tolerance, (years[-1] + ahead) * YEAR.days)
 
 
@@ -178,7 +200,9 @@ def run_in(life: Life, dice: np.random.Generator) -> None:
     size = _size(life, dice, WATCHED)
     life.touched, life.course = {WATCHED}, "run-in"
     for number, day in enumerate(life.days):
-        life.results[number] = _squarer(life.results[number], WATCHED, size * (1 - np.exp(-day / (0.2 * life.days[-1]))))
+        life.results[number] = _squarer(
+            life.results[number], WATCHED, size * (1 - np.exp(-day / (0.2 * life.days[-1])))
+        )
 
 
 def loaded(life: Life, dice: np.random.Generator) -> None:
@@ -212,12 +236,19 @@ def smaller(life: Life, dice: np.random.Generator) -> None:
     for number in range(at, len(life.results)):
         result = life.results[number]
         errors = {
-            name: replace(each, position_mm=each.position_mm[:-1], value=each.value[:-1], u=each.u[:-1])  # type: ignore[index]
+            name: replace(
+                each,
+                position_mm=each.position_mm[:-1],
+                value=each.value[:-1],
+                u=each.u[:-1],  # type: ignore[index]
+            )
             for name, each in result.errors.items()
             if each.value is not None
         }
         x, y, z = (0.8 * each for each in result.volume.size_mm)
-        life.results[number] = replace(result, errors=errors, reversal={}, volume=replace(result.volume, size_mm=(x, y, z)))
+        life.results[number] = replace(
+            result, errors=errors, reversal={}, volume=replace(result.volume, size_mm=(x, y, z))
+        )
 
 
 def coarser(life: Life, dice: np.random.Generator) -> None:
@@ -226,7 +257,12 @@ def coarser(life: Life, dice: np.random.Generator) -> None:
     for number in range(at, len(life.results)):
         result = life.results[number]
         errors = {
-            name: replace(each, position_mm=each.position_mm[[0, 2, 5]], value=each.value[[0, 2, 5]], u=each.u[[0, 2, 5]])  # type: ignore[index]
+            name: replace(
+                each,
+                position_mm=each.position_mm[[0, 2, 5]],
+                value=each.value[[0, 2, 5]],
+                u=each.u[[0, 2, 5]],  # type: ignore[index]
+            )
             for name, each in result.errors.items()
             if each.value is not None and len(each.position_mm) == 6
         }
@@ -234,14 +270,19 @@ def coarser(life: Life, dice: np.random.Generator) -> None:
 
 
 def other_laser(life: Life, dice: np.random.Generator) -> None:
-    """Measure by another laser from some survey on, whose wavelength and air sensor differ by what their u allows."""
+    """Measure by another laser from some survey on, whose wavelength and air sensor differ by what
+    their u allows."""
     at = int(dice.integers(1, len(life.results)))
     ppm = 0.2 * np.sqrt(2) * float(dice.normal())
     for number in range(len(life.results)):
         life.facts(number, instrument="LDDM", instrument_serial="2" if number >= at else "1")
         if number >= at:
             for name in ("EXX", "EYY", "EZZ"):
-                life.results[number] = _bent(life.results[number], name, lambda each: ppm * 1e-3 * (each.position_mm - each.position_mm[0]))
+                life.results[number] = _bent(
+                    life.results[number],
+                    name,
+                    lambda each: ppm * 1e-3 * (each.position_mm - each.position_mm[0]),
+                )
 
 
 def other_software(life: Life, dice: np.random.Generator) -> None:
@@ -261,28 +302,52 @@ def scattering(life: Life, dice: np.random.Generator) -> None:
         for name, function in result.errors.items():
             if function.u is not None:
                 along = np.linspace(0.0, 1.0, len(function.u))
-                noise = 2 * function.u * (dice.normal() * np.sqrt(along) + dice.normal() * np.sqrt(1 - along))
+                noise = (
+                    2
+                    * function.u
+                    * (dice.normal() * np.sqrt(along) + dice.normal() * np.sqrt(1 - along))
+                )
                 result = _bent(result, name, lambda _, noise=noise: noise)  # type: ignore[misc]
         life.results[number] = result
 
 
 def gaps(life: Life, dice: np.random.Generator) -> None:
     """Leave out years."""
-    kept = sorted(dice.choice(len(life.results), max(len(life.results) // 2, 3), replace=False).tolist())
-    life.results, life.days = [life.results[number] for number in kept], [life.days[number] for number in kept]
+    kept = sorted(
+        dice.choice(len(life.results), max(len(life.results) // 2, 3), replace=False).tolist()
+    )
+    life.results, life.days = (
+        [life.results[number] for number in kept],
+        [life.days[number] for number in kept],
+    )
 
 
 def wrong_clock(life: Life, dice: np.random.Generator) -> None:
     """Date one survey by a clock that was never set, or far ahead."""
-    life.days[int(dice.integers(len(life.days)))] = float(dice.choice([-45 * YEAR.days, 80 * YEAR.days]))
+    life.days[int(dice.integers(len(life.days)))] = float(
+        dice.choice([-45 * YEAR.days, 80 * YEAR.days])
+    )
 
 
 FATES: dict[str, Fate] = {
-    "constant": constant, "crash": crash, "crash nobody names": unnoticed, "dent in a straightness": dent, "drift": drift,
-    "season": season, "run-in": run_in, "loaded every year": loaded, "re-levelled": levelled, "sign turned": turned,
-    "other volume": smaller, "other increments": coarser, "other laser": other_laser, "other software": other_software,
-    "scatters by 2 u more": scattering, "missing years": gaps, "wrong clock": wrong_clock,
-}  # fmt: skip
+    "constant": constant,
+    "crash": crash,
+    "crash nobody names": unnoticed,
+    "dent in a straightness": dent,
+    "drift": drift,
+    "season": season,
+    "run-in": run_in,
+    "loaded every year": loaded,
+    "re-levelled": levelled,
+    "sign turned": turned,
+    "other volume": smaller,
+    "other increments": coarser,
+    "other laser": other_laser,
+    "other software": other_software,
+    "scatters by 2 u more": scattering,
+    "missing years": gaps,
+    "wrong clock": wrong_clock,
+}
 
 
 def _volumetric() -> set[str]:
@@ -308,11 +373,16 @@ class Count:
     pairs_denied: int = 0
 
 
-def lived(pool: Sequence[Result], truth: float, fate: Fate, days: Sequence[int], seed: Sequence[int]) -> Life:
+def lived(
+    pool: Sequence[Result], truth: float, fate: Fate, days: Sequence[int], seed: Sequence[int]
+) -> Life:
     """Draw a history of a machine."""
     dice = np.random.default_rng(seed)
     chosen = dice.choice(len(pool), len(days), replace=False)
-    results = [replace(pool[int(number)], survey=Facts(machine="m", survey="s", compensation="off")) for number in chosen]
+    results = [
+        replace(pool[int(number)], survey=Facts(machine="m", survey="s", compensation="off"))
+        for number in chosen
+    ]
     life = Life(results=results, days=[float(day) for day in days], truth=truth)
     fate(life, dice)
     for number, day in enumerate(life.days):
@@ -323,10 +393,16 @@ def lived(pool: Sequence[Result], truth: float, fate: Fate, days: Sequence[int],
 def trends(life: Life) -> list[Trend]:
     """Return what `trend` makes of a history."""
     tables = [
-        (table_of(about(result, f"{number:016x}"), list(rows_of(result))), f"p{number}") for number, result in enumerate(life.results)
+        (table_of(about(result, f"{number:016x}"), list(rows_of(result))), f"p{number}")
+        for number, result in enumerate(life.results)
     ]
     found = history_of(index_of(tables), NOW).series
-    return trends_of(found, lambda _, quantity: life.leaves[0] if life.leaves is not None and quantity == WATCHED else None)
+    return trends_of(
+        found,
+        lambda _, quantity: (
+            life.leaves[0] if life.leaves is not None and quantity == WATCHED else None
+        ),
+    )
 
 
 def judge(life: Life, count: Count) -> None:
@@ -334,7 +410,9 @@ def judge(life: Life, count: Count) -> None:
     count.machines += 1
     touched = life.touched | (_volumetric() if life.touched else set())
     found = trends(life)
-    count.invented += any(each.verdict == "changed" for each in found if each.series.quantity not in touched)
+    count.invented += any(
+        each.verdict == "changed" for each in found if each.series.quantity not in touched
+    )
     for each in found:
         if each.series.quantity in life.touched - _volumetric() and each.series.other is None:
             count.changes += 1
@@ -343,7 +421,12 @@ def judge(life: Life, count: Count) -> None:
             if life.course == "step":
                 count.steps += 1
                 count.since += any(step.first < life.at <= step.last for step in each.steps)  # type: ignore[operator]
-        if each.series.quantity == WATCHED and life.leaves is not None and each.leaving is not None and each.outside == "no":
+        if (
+            each.series.quantity == WATCHED
+            and life.leaves is not None
+            and each.leaving is not None
+            and each.outside == "no"
+        ):
             count.days += 1
             day = BEGIN + timedelta(days=life.leaves[1])
             early, late = each.leaving.earliest, each.leaving.latest
@@ -355,7 +438,9 @@ def _judge_pair(life: Life, count: Count) -> None:
     """Put the question to `compare`: first and last survey."""
     changes = {each.name: each for each in compare(life.results[0], life.results[-1]).changes}
     count.pairs += 1
-    count.pairs_invented += any(each.significant for name, each in changes.items() if name not in life.touched)
+    count.pairs_invented += any(
+        each.significant for name, each in changes.items() if name not in life.touched
+    )
     if life.course in ("step", "line"):
         count.pairs_changed += len(life.touched)
         count.pairs_denied += sum(changes[name].verdict == "unchanged" for name in life.touched)
@@ -366,42 +451,64 @@ def rows(machines: int, first: int = 0, only: str = "") -> dict[tuple[str, str],
     numbers = range(first, first + machines)
     with ProcessPoolExecutor(2) as workers:
         pools = dict(zip(numbers, workers.map(pool_of, numbers), strict=True))
-    truths = {number: float(machine_of(CASE, FIRST_SEED + number).errors.squareness_urad[WATCHED]) for number in numbers}
+    truths = {
+        number: float(machine_of(CASE, FIRST_SEED + number).errors.squareness_urad[WATCHED])
+        for number in numbers
+    }
     found: dict[tuple[str, str], Count] = {}
     for place, (name, fate) in enumerate(FATES.items()):
         for calendar, days in CALENDARS.items():
             if only in name:
                 count = found.setdefault((name, calendar), Count())
                 for number in numbers:
-                    judge(lived(pools[number], truths[number], fate, days, (place, len(days), number)), count)
+                    judge(
+                        lived(
+                            pools[number], truths[number], fate, days, (place, len(days), number)
+                        ),
+                        count,
+                    )
     return found
 
 
 def print_table(found: Mapping[tuple[str, str], Count]) -> None:
     """Print the table."""
-    print("| fate | surveys | invented | changes found | denied | since when | day of leaving | compare: invented | compare: denied |")
+    print(
+        "| fate | surveys | invented | changes found | denied | since when | day of leaving | "
+        "compare: invented | compare: denied |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for (fate, calendar), each in found.items():
         parts = (
-            f"{each.invented} of {each.machines}", f"{each.found} of {each.changes}" if each.changes else "-",
-            str(each.denied) if each.changes else "-", f"{each.since} of {each.steps}" if each.steps else "-",
-            f"{each.days_held} of {each.days}" if each.days else "-", f"{each.pairs_invented} of {each.pairs}",
+            f"{each.invented} of {each.machines}",
+            f"{each.found} of {each.changes}" if each.changes else "-",
+            str(each.denied) if each.changes else "-",
+            f"{each.since} of {each.steps}" if each.steps else "-",
+            f"{each.days_held} of {each.days}" if each.days else "-",
+            f"{each.pairs_invented} of {each.pairs}",
             f"{each.pairs_denied} of {each.pairs_changed}" if each.pairs_changed else "-",
-        )  # fmt: skip
+        )
         print(f"| {fate} | {calendar} | {' | '.join(parts)} |")
     total = list(found.values())
     invented, machines = sum(each.invented for each in total), sum(each.machines for each in total)
     held, days = sum(each.days_held for each in total), sum(each.days for each in total)
     since, steps = sum(each.since for each in total), sum(each.steps for each in total)
     denied = sum(each.denied for each in total)
-    print(f"\nall: invented {invented} of {machines}, denied {denied}, since when {since} of {steps}, day held {held} of {days}")
+    print(
+        f"\nall: invented {invented} of {machines}, denied {denied}, since when {since} of "
+        f"{steps}, day held {held} of {days}"
+    )
 
 
 def main() -> None:
     """Draw the lives and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--machines", type=int, default=MACHINES, help="of each fate and calendar")
-    parser.add_argument("--first", type=int, default=0, help="number of the first machine: others are other machines")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        help="number of the first machine: others are other machines",
+    )
     parser.add_argument("--fate", default="", help="only fates whose name contains this")
     options = parser.parse_args()
     print_table(rows(options.machines, options.first, options.fate))

@@ -1,6 +1,8 @@
-"""``python -m benchmarks.feeder``: a laser on a pty and a PLC on Modbus TCP whose program runs, as a process of its own.
+"""``python -m benchmarks.feeder``: a laser on a pty and a PLC on Modbus TCP whose program runs, as
+a process of its own.
 
-It prints one JSON line with its addresses. The laser is a uMD2 board at rest, with noise; the PLC says that setup 1 runs and never stops.
+It prints one JSON line with its addresses. The laser is a uMD2 board at rest, with noise; the PLC
+says that setup 1 runs and never stops.
 """
 
 import argparse
@@ -34,7 +36,17 @@ class Plc(socketserver.BaseRequestHandler):
         began = time.monotonic()
         while request := self.request.recv(260):
             transaction, _, _, unit = _HEADER.unpack_from(request)
-            words = [int(time.monotonic() - began) & 0xFFFF, 0, 2, 1, *[0] * 6, 2000, 2000, 10130, 500]
+            words = [
+                int(time.monotonic() - began) & 0xFFFF,
+                0,
+                2,
+                1,
+                *[0] * 6,
+                2000,
+                2000,
+                10130,
+                500,
+            ]
             answer = struct.pack(f">BB{_WORDS}H", 3, 2 * _WORDS, *words)
             self.request.sendall(_HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer)
 
@@ -58,14 +70,18 @@ def main() -> None:
         line.end()
 
     signal.signal(signal.SIGTERM, end)
-    sys.stdout.write(json.dumps({"laser": str(options.link), "plc_port": server.server_address[1]}) + "\n")
+    sys.stdout.write(
+        json.dumps({"laser": str(options.link), "plc_port": server.server_address[1]}) + "\n"
+    )
     sys.stdout.flush()
     feed(line, options.rate, options.every_s, options.stamps, done)
     line.unplug()
     os._exit(0)  # the handlers of open connections wait for ever
 
 
-def feed(line: SerialLine, rate_hz: float, every_s: float, stamps: Path | None, done: threading.Event) -> None:
+def feed(
+    line: SerialLine, rate_hz: float, every_s: float, stamps: Path | None, done: threading.Event
+) -> None:
     """Write lines at a rate; those that are late are made up for."""
     board = UmdBoard(BOARDS["umd2"], rate_hz=rate_hz)
     noise = np.random.default_rng(1)
@@ -78,7 +94,9 @@ def feed(line: SerialLine, rate_hz: float, every_s: float, stamps: Path | None, 
             line.write(lines)
             sent += due
             times.append((sent - 1, now_ns()))
-        pause = began + (sent + 1) / rate_hz - time.monotonic() if every_s * rate_hz <= 1 else every_s
+        pause = (
+            began + (sent + 1) / rate_hz - time.monotonic() if every_s * rate_hz <= 1 else every_s
+        )
         if pause > 0:
             select.select([], [], [], pause)
     if stamps is not None:

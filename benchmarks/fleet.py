@@ -1,8 +1,10 @@
-"""``python -m benchmarks.fleet STORE``: a works of machines over years, each survey driven by the virtual machine and solved.
+"""``python -m benchmarks.fleet STORE``: a works of machines over years, each survey driven by the
+virtual machine and solved.
 
-Half of the machines stay as they are, a quarter drifts, a quarter crashes once; all of them feel the seasons, and their surveys are
-brought to 20 C with a sensor that errs and a coefficient that is not quite theirs. The truth is known, so it can be counted how often a
-change is said where there is none, and how often one that is there is found, on its day.
+Half of the machines stay as they are, a quarter drifts, a quarter crashes once; all of them feel
+the seasons, and their surveys are brought to 20 C with a sensor that errs and a coefficient that is
+not quite theirs. The truth is known, so it can be counted how often a change is said where there is
+none, and how often one that is there is found, on its day.
 """
 
 import argparse
@@ -34,7 +36,9 @@ from stepdiag.virtual.physics.machine import Machine
 
 CASE = Case(name="a machine of the works", angle_urad=4.0, increments=2)
 BOX = CASE.box
-SIZES = Amplitudes(positioning_um=6.0, straightness_um=5.0, angle_urad=4.0, scale_um_m=10.0, squareness_urad=15.0)
+SIZES = Amplitudes(
+    positioning_um=6.0, straightness_um=5.0, angle_urad=4.0, scale_um_m=10.0, squareness_urad=15.0
+)
 FIRST = datetime(2016, 1, 15, 10, 0, tzinfo=UTC)
 QUARTER = timedelta(days=91.3125)
 SEASON_C, SENSOR_C = 4.0, 0.15
@@ -45,7 +49,8 @@ WATCHED, TOLERANCE_URAD = "C0Y", 50.0
 
 @dataclass(frozen=True, kw_only=True)
 class Life:
-    """What becomes of a machine: ``drift`` of C0Y in urad a year, ``crash`` the survey before which it steps by ``step`` urad."""
+    """What becomes of a machine: ``drift`` of C0Y in urad a year, ``crash`` the survey before which
+    it steps by ``step`` urad."""
 
     number: int
     drift: float = 0.0
@@ -59,7 +64,9 @@ class Life:
 
     def squareness_urad(self, years: float, survey: int) -> float:
         """Return what C0Y has changed by."""
-        return self.drift * years + (self.step if self.crash is not None and survey >= self.crash else 0.0)
+        return self.drift * years + (
+            self.step if self.crash is not None and survey >= self.crash else 0.0
+        )
 
 
 def life_of(number: int, surveys: int) -> Life:
@@ -83,13 +90,22 @@ def surveyed(life: Life, survey: int) -> tuple[About, Readings]:
     when = FIRST + survey * QUARTER + timedelta(days=float(dice.uniform(-10, 10)))
     years = (when - FIRST) / YEAR
     drawn = random_errors(1000 + life.number, BOX.origin_mm, BOX.size_mm, SIZES)
-    square = {**drawn.squareness_urad, WATCHED: drawn.squareness_urad[WATCHED] + life.squareness_urad(years, survey)}
-    grows = ASSUMED_UM_M_C + TRUE_SPREAD_UM_M_C * float(np.random.default_rng((3, life.number)).normal())
+    square = {
+        **drawn.squareness_urad,
+        WATCHED: drawn.squareness_urad[WATCHED] + life.squareness_urad(years, survey),
+    }
+    grows = ASSUMED_UM_M_C + TRUE_SPREAD_UM_M_C * float(
+        np.random.default_rng((3, life.number)).normal()
+    )
     warm = 20.0 + SEASON_C * float(np.sin(2 * np.pi * years)) + float(dice.normal(0.0, 0.5))
     machine = Machine(
-        errors=replace(drawn, squareness_urad=square), expansion_um_m_c=(grows,) * 3, environment=Environment(material_c=Course(start=warm))
+        errors=replace(drawn, squareness_urad=square),
+        expansion_um_m_c=(grows,) * 3,
+        environment=Environment(material_c=Course(start=warm)),
     )
-    readings = _at_20_c(drive(CASE, machine, int(dice.integers(1 << 30))), SENSOR_C * float(dice.normal()))
+    readings = _at_20_c(
+        drive(CASE, machine, int(dice.integers(1 << 30))), SENSOR_C * float(dice.normal())
+    )
     event = "crash" if survey == life.crash else ""
     return About(
         machine=life.name,
@@ -103,18 +119,30 @@ def surveyed(life: Life, survey: int) -> tuple[About, Readings]:
 
 
 def _at_20_c(readings: Readings, sensor_c: float) -> Readings:
-    """Return the readings less what the axes are longer by, as the sensor says, which errs by so much."""
+    """Return the readings less what the axes are longer by, as the sensor says, which errs by so
+    much."""
     warm = readings.temperature_c + sensor_c
     grown = np.zeros(len(warm))
     for setup in dict.fromkeys(readings.setup):
         rows = np.array([name == setup for name in readings.setup])
         at = readings.position_mm[rows]
-        grown[rows] = expansion_um(at - at[0], outward_direction(BOX, setup), (ASSUMED_UM_M_C,) * 3, warm[rows][:, None] * np.ones(3))
-    return replace(readings, reading_mm=readings.reading_mm - grown * 1e-3, temperature_c=warm, at_20_c=np.ones(len(warm), dtype=np.bool_))
+        grown[rows] = expansion_um(
+            at - at[0],
+            outward_direction(BOX, setup),
+            (ASSUMED_UM_M_C,) * 3,
+            warm[rows][:, None] * np.ones(3),
+        )
+    return replace(
+        readings,
+        reading_mm=readings.reading_mm - grown * 1e-3,
+        temperature_c=warm,
+        at_20_c=np.ones(len(warm), dtype=np.bool_),
+    )
 
 
 def make_machine(address: str, surveys: int, number: int) -> int:
-    """Put all surveys of one machine into a store, as if they had been archived; return how many. What is there already stays."""
+    """Put all surveys of one machine into a store, as if they had been archived; return how many.
+    What is there already stays."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     store, life = Store(address), life_of(number, surveys)
     made = 0
@@ -122,14 +150,20 @@ def make_machine(address: str, surveys: int, number: int) -> int:
         about, readings = surveyed(life, survey)
         place = Place(about.machine, str(about.time.year), about.survey)
         if not store.exists(place.table):
-            put_table(store, place, {RESULT: "0" * 64}, to_parquet(table_of(about, list(rows_of(solve(readings))))))
+            put_table(
+                store,
+                place,
+                {RESULT: "0" * 64},
+                to_parquet(table_of(about, list(rows_of(solve(readings))))),
+            )
             made += 1
     return made
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """Counts over a fleet: series without a change, those of them that were said to have one; what was found of crashes and drifts."""
+    """Counts over a fleet: series without a change, those of them that were said to have one; what
+    was found of crashes and drifts."""
 
     still: int
     steps_invented: int
@@ -143,13 +177,23 @@ class Judged:
 
 
 def judged(trends: Sequence[Trend], lives: dict[str, Life]) -> Judged:
-    """Hold what is said against what happened. Only C0Y, and the volumetric error with it, really change."""
-    quiet = [each for each in trends if not (_moved(lives[each.series.machine]) and _touched(each.series.quantity))]
+    """Hold what is said against what happened. Only C0Y, and the volumetric error with it, really
+    change."""
+    quiet = [
+        each
+        for each in trends
+        if not (_moved(lives[each.series.machine]) and _touched(each.series.quantity))
+    ]
     watched = {each.series.machine: each for each in trends if each.series.quantity == WATCHED}
     crashed = [(watched[life.name], life) for life in lives.values() if life.crash is not None]
     drifted = [(watched[life.name], life) for life in lives.values() if life.drift]
-    slopes = [each.line is not None and abs(each.line.size - life.drift) <= 2 * each.line.u for each, life in drifted]
-    leaving = [(each, life) for each, life in drifted if each.leaving is not None and each.outside == "no"]
+    slopes = [
+        each.line is not None and abs(each.line.size - life.drift) <= 2 * each.line.u
+        for each, life in drifted
+    ]
+    leaving = [
+        (each, life) for each, life in drifted if each.leaving is not None and each.outside == "no"
+    ]
     return Judged(
         still=len(quiet),
         steps_invented=sum(bool(each.steps) for each in quiet),
@@ -173,31 +217,53 @@ def _touched(quantity: str) -> bool:
 
 def _found(trend: Trend, life: Life) -> bool:
     """Tell whether the crash is said, before the right survey, with its name."""
-    (crash,) = (number for number, survey in enumerate(trend.series.surveys) if survey.event == "crash")
-    return any(step.at == crash and trend.cause(step) == "crash" and abs(step.size - life.step) <= 4 * step.u for step in trend.steps)
+    (crash,) = (
+        number for number, survey in enumerate(trend.series.surveys) if survey.event == "crash"
+    )
+    return any(
+        step.at == crash
+        and trend.cause(step) == "crash"
+        and abs(step.size - life.step) <= 4 * step.u
+        for step in trend.steps
+    )
 
 
 def _in_time(trend: Trend, life: Life) -> bool:
     """Tell whether the true day of leaving lies in the interval that is said."""
-    begun = random_errors(1000 + life.number, BOX.origin_mm, BOX.size_mm, SIZES).squareness_urad[WATCHED]
+    begun = random_errors(1000 + life.number, BOX.origin_mm, BOX.size_mm, SIZES).squareness_urad[
+        WATCHED
+    ]
     day = FIRST + YEAR * ((np.copysign(TOLERANCE_URAD, life.drift) - begun) / life.drift)
     leaving = trend.leaving
     assert leaving is not None
-    return leaving.earliest is not None and leaving.earliest <= day and (leaving.latest is None or day <= leaving.latest)
+    return (
+        leaving.earliest is not None
+        and leaving.earliest <= day
+        and (leaving.latest is None or day <= leaving.latest)
+    )
 
 
 def lives_of(machines: int, surveys: int, first: int = 0) -> dict[str, Life]:
     """Return the fates of a fleet by name."""
-    return {life.name: life for life in (life_of(number, surveys) for number in range(first, first + machines))}
+    return {
+        life.name: life
+        for life in (life_of(number, surveys) for number in range(first, first + machines))
+    }
 
 
 def trends_in(store: Store) -> list[Trend]:
     """Return the trends of a store, C0Y against its tolerance."""
-    return trends_of(series_in(store, datetime.now(UTC)), lambda _, quantity: TOLERANCE_URAD if quantity == WATCHED else None)
+    return trends_of(
+        series_in(store, datetime.now(UTC)),
+        lambda _, quantity: TOLERANCE_URAD if quantity == WATCHED else None,
+    )
 
 
-def generate(address: str, machines: int, surveys: int, workers: int, first: int = 0) -> Iterator[int]:
-    """Make a fleet, machine by machine from number ``first`` on; yield how many surveys were solved for each."""
+def generate(
+    address: str, machines: int, surveys: int, workers: int, first: int = 0
+) -> Iterator[int]:
+    """Make a fleet, machine by machine from number ``first`` on; yield how many surveys were solved
+    for each."""
     Store(address, create=True)
     numbers = range(first, first + machines)
     if workers == 1:
@@ -214,10 +280,17 @@ def main() -> None:
     parser.add_argument("--machines", type=int, default=200)
     parser.add_argument("--surveys", type=int, default=40, help="of each machine, four a year")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--first", type=int, default=0, help="number of the first machine: others are other machines")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        help="number of the first machine: others are other machines",
+    )
     options = parser.parse_args()
     began = time.monotonic()
-    solved = sum(generate(options.store, options.machines, options.surveys, options.workers, options.first))
+    solved = sum(
+        generate(options.store, options.machines, options.surveys, options.workers, options.first)
+    )
     store = Store(options.store)
     refresh_index(store, most_loose=0)
     print(f"{solved} surveys driven and solved in {time.monotonic() - began:.0f} s")

@@ -1,8 +1,10 @@
-"""Sequences of a hasty engineer, with seeds: ``PYTHONPATH=tests/lib python -m benchmarks.hasty [ROUNDS] [proof]``
+"""Sequences of a hasty engineer, with seeds: ``PYTHONPATH=tests/lib python -m benchmarks.hasty
+[ROUNDS] [proof]``
 
-Each ends with reading back what the control holds, or with a proof run. Counts the sequences (`testkit.exact.hasty`) that end with exit
-code 0 and a machine that is worse, what stops the others, and the right ones that are refused. A right sequence states what was on, and
-loads its own files as a whole.
+Each ends with reading back what the control holds, or with a proof run. Counts the sequences
+(`testkit.exact.hasty`) that end with exit code 0 and a machine that is worse, what stops the
+others, and the right ones that are refused. A right sequence states what was on, and loads its own
+files as a whole.
 """
 
 import sys
@@ -19,22 +21,38 @@ def print_sequences(rounds: int, *, proof: bool = False) -> None:
     from testkit.exact.hasty import Story, lived, stories
 
     def right(story: Story) -> bool:
-        return story.listed == "all" and story.done in ("whole", "twice") and story.on == ("none" if story.stated == "off" else "all")
+        return (
+            story.listed == "all"
+            and story.done in ("whole", "twice")
+            and story.on == ("none" if story.stated == "off" else "all")
+        )
 
     ends: Counter[str] = Counter()
     quiet, refused, of = [], 0, 0
     with tempfile.TemporaryDirectory() as folder:
         for number, story in enumerate(each for _ in range(rounds) for each in stories()):
-            why, before_um, after_um = lived(story, FIRST_SEED + number, Path(folder) / f"{number}", proof=proof)
+            why, before_um, after_um = lived(
+                story, FIRST_SEED + number, Path(folder) / f"{number}", proof=proof
+            )
             ends[why if why.startswith("proof") else why.partition(":")[0] or "loaded"] += 1
             if not why and after_um > WORSE * before_um + ROUNDING_UM:
-                quiet.append(f"{story}, seed {FIRST_SEED + number}: {before_um:.2f} -> {after_um:.2f} um")
+                quiet.append(
+                    f"{story}, seed {FIRST_SEED + number}: {before_um:.2f} -> {after_um:.2f} um"
+                )
             of += right(story)
             refused += right(story) and bool(why)
-    print(f"{sum(ends.values())} sequences: {', '.join(f'{end} {count}' for end, count in ends.most_common())}")
-    print(f"{len(quiet)} end with exit code 0 and a machine that is worse; {refused} of {of} right ones are refused")
+    print(
+        f"{sum(ends.values())} sequences: "
+        f"{', '.join(f'{end} {count}' for end, count in ends.most_common())}"
+    )
+    print(
+        f"{len(quiet)} end with exit code 0 and a machine that is worse; {refused} of {of} right "
+        "ones are refused"
+    )
     print("\n".join(quiet))
 
 
 if __name__ == "__main__":
-    print_sequences(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS, proof="proof" in sys.argv[2:])
+    print_sequences(
+        int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS, proof="proof" in sys.argv[2:]
+    )

@@ -1,7 +1,9 @@
-"""``python -m benchmarks.heads``: 4-DOF heads with every imperfection drawn, commissioned by the machine, then driven out and back.
+"""``python -m benchmarks.heads``: 4-DOF heads with every imperfection drawn, commissioned by the
+machine, then driven out and back.
 
-Exact rays (`stepdiag.virtual.instruments.head`) that share no code with the product. For every class of head: the share of true values of
-both straightness and both angular functions within 2 u, how far off the worst is in u, and the rms error.
+Exact rays (`stepdiag.virtual.instruments.head`) that share no code with the product. For every
+class of head: the share of true values of both straightness and both angular functions within 2 u,
+how far off the worst is in u, and the rms error.
 """
 
 import argparse
@@ -20,7 +22,15 @@ from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity, render_head_fi
 from stepdiag.daq.survey.models import Survey
 from stepdiag.fourdof.commission import Standing, commission
 from stepdiag.fourdof.runs import evaluate_head, over_passes
-from stepdiag.virtual.instruments.head import Counts, Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
+from stepdiag.virtual.instruments.head import (
+    Counts,
+    Disturbance,
+    HeadOptics,
+    HeadStand,
+    VirtualHead,
+    Wander,
+    stage_pose,
+)
 from stepdiag.virtual.instruments.ordinary_head import Imperfections, ordinary_head
 
 Array = NDArray[np.float64]
@@ -56,15 +66,17 @@ detector_x = "+x"
 detector_y = "+y"
 distance_mm = {near}
 """
-NONE = Imperfections(defocus_mm=0.0, roll_mrad=0.0, growth_per_m=0.0, gain=0.0, dark=0.0, signs=False)
+NONE = Imperfections(
+    defocus_mm=0.0, roll_mrad=0.0, growth_per_m=0.0, gain=0.0, dark=0.0, signs=False
+)
 
 SEEDS = range(4300, 4360)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A class of heads and runs: what is imperfect, the travel, the pointing's drift, noise of PSD1 in a stop's mean, passes, and by how
-    much a jog misses (k = 1)."""
+    """A class of heads and runs: what is imperfect, the travel, the pointing's drift, noise of PSD1
+    in a stop's mean, passes, and by how much a jog misses (k = 1)."""
 
     name: str
     size: Imperfections
@@ -88,7 +100,14 @@ CASES = (
     Case(name="every imperfection, 3 m", size=Imperfections(), travel_mm=3000.0),
     Case(name="every imperfection, 0.4 m", size=Imperfections(), travel_mm=400.0),
     *(
-        Case(name=f"8 m one way, PSD1 {noise:g} urad", size=NONE, travel_mm=8000.0, stops=16, noise_urad=noise, passes=1)
+        Case(
+            name=f"8 m one way, PSD1 {noise:g} urad",
+            size=NONE,
+            travel_mm=8000.0,
+            stops=16,
+            noise_urad=noise,
+            passes=1,
+        )
         for noise in (0.5, 1.0, 1.7)
     ),
 )
@@ -96,17 +115,23 @@ CASES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Guideway:
-    """Two straightness functions in um and two angles in urad over the way from 0 to 1, a slope, and how they are drawn."""
+    """Two straightness functions in um and two angles in urad over the way from 0 to 1, a slope,
+    and how they are drawn."""
 
     seed: int
 
     def at(self, way: Array) -> tuple[Array, Array]:
-        """Return lateral motion in um (N, 2), the beam's misalignment in it, and angles in urad (N, 2)."""
+        """Return lateral motion in um (N, 2), the beam's misalignment in it, and angles in urad (N,
+        2)."""
         rng = np.random.default_rng([self.seed, 7])
         waves = np.arange(1, 5)
         size = rng.normal(size=(4, 4)) / waves[:, None]
         phase = rng.uniform(0.0, 2.0 * math.pi, size=(4, 4))
-        value = np.einsum("wk,nwk->nk", size, np.sin(math.pi * waves[None, :, None] * way[:, None, None] + phase[None]))
+        value = np.einsum(
+            "wk,nwk->nk",
+            size,
+            np.sin(math.pi * waves[None, :, None] * way[:, None, None] + phase[None]),
+        )
         slope = rng.normal(0.0, 60.0, size=2)
         return 4.0 * value[:, :2] + slope * way[:, None], 15.0 * value[:, 2:]
 
@@ -122,7 +147,10 @@ class Rig:
         """Return the survey whose run this is."""
         case = self.case
         back = str(case.passes > 1).lower()
-        return parse_survey(SURVEY.format(travel=case.travel_mm, stops=case.stops, near=case.near_mm, back=back), "survey.toml")
+        return parse_survey(
+            SURVEY.format(travel=case.travel_mm, stops=case.stops, near=case.near_mm, back=back),
+            "survey.toml",
+        )
 
     def optics(self) -> HeadOptics:
         """Return the head's optics."""
@@ -130,20 +158,45 @@ class Rig:
 
     def head(self) -> VirtualHead:
         """Return the head, aligned at the near end."""
-        drift = Wander(amplitude=self.case.pointing_urad, period_s=self.case.period_s, seed=self.seed)
+        drift = Wander(
+            amplitude=self.case.pointing_urad, period_s=self.case.period_s, seed=self.seed
+        )
         wobble = Wander(amplitude=self.case.wobble_urad, period_s=2.5, seed=self.seed + 1)
         aligned = stage_pose(self.case.near_mm, STILL, STILL, STAND)
-        return VirtualHead(self.optics(), STAND, aligned, disturbance=Disturbance(pointing_urad=drift, wobble_urad=wobble), seed=self.seed)
+        return VirtualHead(
+            self.optics(),
+            STAND,
+            aligned,
+            disturbance=Disturbance(pointing_urad=drift, wobble_urad=wobble),
+            seed=self.seed,
+        )
 
-    def look(self, head: VirtualHead, way: float, moved_um: Array, time_s: Array, *, wobbled: bool = False, lit: bool = True) -> Counts:
+    def look(
+        self,
+        head: VirtualHead,
+        way: float,
+        moved_um: Array,
+        time_s: Array,
+        *,
+        wobbled: bool = False,
+        lit: bool = True,
+    ) -> Counts:
         """Return what the head counts with the target at a place of the way, moved aside."""
         lateral, angle = Guideway(seed=self.seed).at(np.array([way]))
         many = np.ones((len(time_s), 1))
-        pose = stage_pose(self.case.near_mm + way * self.case.travel_mm, 1e-3 * (lateral + moved_um) * many, angle * many, STAND)
-        return head.channels(pose, time_s, np.full(len(time_s), float(lit)), np.full(len(time_s), float(wobbled)))
+        pose = stage_pose(
+            self.case.near_mm + way * self.case.travel_mm,
+            1e-3 * (lateral + moved_um) * many,
+            angle * many,
+            STAND,
+        )
+        return head.channels(
+            pose, time_s, np.full(len(time_s), float(lit)), np.full(len(time_s), float(wobbled))
+        )
 
     def commissioning(self) -> list[Standing]:
-        """Return the stands of the commissioning run: jogs at both ends, wobbles, and the beam blocked."""
+        """Return the stands of the commissioning run: jogs at both ends, wobbles, and the beam
+        blocked."""
         rng = np.random.default_rng([self.seed, 11])
         head, standings, now = self.head(), [], 1000.0
         for way in (0.0, 1.0):
@@ -153,13 +206,23 @@ class Rig:
                     jog[column] = place
                     time = now + np.arange(0.0, 2.0, 0.01)
                     missed = rng.normal(0.0, self.case.jog_um, size=2)
-                    standings.append(self._standing(way, jog, time, self.look(head, way, jog + missed, time)))
+                    standings.append(
+                        self._standing(way, jog, time, self.look(head, way, jog + missed, time))
+                    )
                     now += 3.0
             time = now + np.arange(0.0, 30.0, 0.01)
-            standings.append(self._standing(way, np.zeros(2), time, self.look(head, way, np.zeros(2), time, wobbled=True)))
+            standings.append(
+                self._standing(
+                    way, np.zeros(2), time, self.look(head, way, np.zeros(2), time, wobbled=True)
+                )
+            )
             now += 60.0
         time = now + np.arange(0.0, 5.0, 0.01)
-        standings.append(self._standing(1.0, np.zeros(2), time, self.look(head, 1.0, np.zeros(2), time, lit=False)))
+        standings.append(
+            self._standing(
+                1.0, np.zeros(2), time, self.look(head, 1.0, np.zeros(2), time, lit=False)
+            )
+        )
         return standings
 
     def _standing(self, way: float, jog_um: Array, time_s: Array, counts: Counts) -> Standing:
@@ -174,21 +237,42 @@ class Rig:
         for number in range(self.case.passes):
             for stop in order if number % 2 == 0 else order[::-1]:
                 now += 5.0
-                counts = self.look(head, stop / self.case.stops, np.zeros(2), now + np.arange(0.0, 0.5, 0.02))
-                book.add(self._stop(counts, int(stop), outward=number % 2 == 0, time_s=now, rng=rng))
+                counts = self.look(
+                    head, stop / self.case.stops, np.zeros(2), now + np.arange(0.0, 0.5, 0.02)
+                )
+                book.add(
+                    self._stop(counts, int(stop), outward=number % 2 == 0, time_s=now, rng=rng)
+                )
         return book
 
-    def _stop(self, counts: Counts, stop: int, *, outward: bool, time_s: float, rng: np.random.Generator) -> CapturedStop:
+    def _stop(
+        self, counts: Counts, stop: int, *, outward: bool, time_s: float, rng: np.random.Generator
+    ) -> CapturedStop:
         mean, u = counts.mean(axis=0), counts.std(axis=0, ddof=1) / math.sqrt(len(counts))
         noise = self.case.noise_urad * 1e-6 * 150.0 / 2.0 * 1e6
         mean[3:5] += rng.normal(0.0, noise, size=2) if noise else 0.0
         u[3:5] = np.hypot(u[3:5], noise)
         place = stop / self.case.stops * self.case.travel_mm
         return CapturedStop(
-            setup="fourdof-z", outward=outward, stop=stop if outward else self.case.stops - stop, position_mm=(0.0, 0.0, place), axis="z",
-            stop_count=None, reading_mm=None, u_um=0.1, scatter_um=0.1, slope_um_s=0.0, samples=25, rejected=0, window_from_ns=0,
-            window_to_ns=0, time_s=time_s, beam=1.0, channels=tuple(mean.tolist()), u_channels=tuple(u.tolist()),
-        )  # fmt: skip
+            setup="fourdof-z",
+            outward=outward,
+            stop=stop if outward else self.case.stops - stop,
+            position_mm=(0.0, 0.0, place),
+            axis="z",
+            stop_count=None,
+            reading_mm=None,
+            u_um=0.1,
+            scatter_um=0.1,
+            slope_um_s=0.0,
+            samples=25,
+            rejected=0,
+            window_from_ns=0,
+            window_to_ns=0,
+            time_s=time_s,
+            beam=1.0,
+            channels=tuple(mean.tolist()),
+            u_channels=tuple(u.tolist()),
+        )
 
 
 def new_file() -> HeadFile:
@@ -216,9 +300,12 @@ class Seen:
 
 
 def seen(rig: Rig, file: HeadFile) -> Seen:
-    """Return what the run says with this calibration beside the truth. Raises StepdiagError for what is refused."""
+    """Return what the run says with this calibration beside the truth. Raises StepdiagError for
+    what is refused."""
     survey = rig.survey()
-    found = evaluate_head(survey, rig.book(survey).passes, {"head.toml": render_head_file(file).encode()}, {})
+    found = evaluate_head(
+        survey, rig.book(survey).passes, {"head.toml": render_head_file(file).encode()}, {}
+    )
     lateral, angle = Guideway(seed=rig.seed).at(np.linspace(0.0, 1.0, rig.case.stops + 1))
     share = np.linspace(0.0, 1.0, len(lateral))[:, None]
     straight = lateral - (1.0 - share) * lateral[0] - share * lateral[-1]
@@ -255,8 +342,15 @@ def line(case: Case, seeds: Sequence[int]) -> str:
         return f"| {case.name} | - | - | - | - | - | {refused} |"
     parts = []
     for straight in (True, False):
-        within = [float(np.mean((np.abs(one.error) <= 2.0 * one.u)[one.straight == straight])) for one in runs]
-        rms = math.sqrt(float(np.mean(np.concatenate([one.error[one.straight == straight] for one in runs]) ** 2)))
+        within = [
+            float(np.mean((np.abs(one.error) <= 2.0 * one.u)[one.straight == straight]))
+            for one in runs
+        ]
+        rms = math.sqrt(
+            float(
+                np.mean(np.concatenate([one.error[one.straight == straight] for one in runs]) ** 2)
+            )
+        )
         parts += [f"{100 * float(np.mean(within)):.0f}", f"{rms:.2f}"]
     worst = max(float(np.max(np.abs(one.error) / one.u)) for one in runs)
     return f"| {case.name} | {' | '.join(parts)} | {worst:.1f} | {refused} |"
@@ -264,7 +358,10 @@ def line(case: Case, seeds: Sequence[int]) -> str:
 
 def print_table(seeds: Sequence[int], part: str = "") -> None:
     """Print the table."""
-    print("| heads | straightness within 2 u, % | rms, um | angles within 2 u, % | rms, urad | worst in u | refused |")
+    print(
+        "| heads | straightness within 2 u, % | rms, um | angles within 2 u, % | rms, urad | "
+        "worst in u | refused |"
+    )
     print("|---|---|---|---|---|---|---|")
     for case in CASES:
         if part in case.name:

@@ -1,8 +1,11 @@
-"""``python -m benchmarks.shops [--shops N] [--first K] [--cause WORDS]``: surveys with one wrong statement, counted.
+"""``python -m benchmarks.shops [--shops N] [--first K] [--cause WORDS]``: surveys with one wrong
+statement, counted.
 
-Each shop (`testkit.exact.shops`) is a drawn machine with a cause: what the survey file states and is not so. It is recorded, solved and
-exported in seconds of virtual time. Counted are: surveys whose files are right; causes that are named by the line of the survey file to
-change, and after how many stops; findings of a shop; wrong tables that would reach the control; and dead ends: neither right nor named.
+Each shop (`testkit.exact.shops`) is a drawn machine with a cause: what the survey file states and
+is not so. It is recorded, solved and exported in seconds of virtual time. Counted are: surveys
+whose files are right; causes that are named by the line of the survey file to change, and after how
+many stops; findings of a shop; wrong tables that would reach the control; and dead ends: neither
+right nor named.
 """
 
 import argparse
@@ -18,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests/lib"))
 
 SHOPS = 108
 LEFT = 0.5
-"""A survey is right where its files leave less than this share of the volume's error, and wrong where they leave more."""
+"""A survey is right where its files leave less than this share of the volume's error, and wrong
+where they leave more."""
 
 
 @dataclass(kw_only=True)
@@ -37,14 +41,22 @@ class Count:
 
 
 def named_after(found: Any) -> int | None:
-    """Return after how many stops the right line of the survey file was named; None where it never was."""
-    lines = [(stops, line) for stops, line in _lines(found) if found.shop.line and line.startswith(found.shop.line)]
+    """Return after how many stops the right line of the survey file was named; None where it never
+    was."""
+    lines = [
+        (stops, line)
+        for stops, line in _lines(found)
+        if found.shop.line and line.startswith(found.shop.line)
+    ]
     return lines[0][0] if lines else None
 
 
 def _lines(found: Any) -> list[tuple[int, str]]:
-    """Return the lines that findings name, each with the number of stops before it: those of the result come after the last stop."""
-    solved = [(found.stops, line) for line in (found.files.lines if found.files is not None else ())]
+    """Return the lines that findings name, each with the number of stops before it: those of the
+    result come after the last stop."""
+    solved = [
+        (found.stops, line) for line in (found.files.lines if found.files is not None else ())
+    ]
     found_lines = [
         (stops, str(each.message.arguments["line"]))
         for stops, each in zip(found.after, found.findings, strict=True)
@@ -61,13 +73,17 @@ def judge(found: Any, count: Count) -> None:
     right = left is not None and left <= LEFT
     count.right += right
     count.wrong += left is not None and left > LEFT
-    count.findings.append(sum(each.severity != "info" and each.code != "signals-absent" for each in found.findings))
+    count.findings.append(
+        sum(each.severity != "info" and each.code != "signals-absent" for each in found.findings)
+    )
     if stops is not None:
         count.named += 1
         count.stops.append(stops)
     elif not right and not found.shop.faults:
         count.dead.append(found.shop.seed)
-    if any(not found.shop.line or not line.startswith(found.shop.line) for _, line in _lines(found)):
+    if any(
+        not found.shop.line or not line.startswith(found.shop.line) for _, line in _lines(found)
+    ):
         count.false.append(found.shop.seed)
 
 
@@ -86,20 +102,28 @@ def counted(seeds: Sequence[int], cause: str = "") -> dict[str, Count]:
 
 def print_table(table: dict[str, Count]) -> None:
     """Print the counts."""
-    print("| cause | shops | files right | named | stops until the name | findings a shop | wrong files | dead ends | another line named |")
+    print(
+        "| cause | shops | files right | named | stops until the name | findings a shop | wrong "
+        "files | dead ends | another line named |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for cause, each in table.items():
         stops = f"{statistics.median(each.stops):g}, most {max(each.stops)}" if each.stops else "-"
         print(
-            f"| {cause} | {each.shops} | {each.right} | {each.named} | {stops} | {statistics.median(each.findings):g} "
-            f"| {each.wrong} | {len(each.dead)} {each.dead or ''} | {len(each.false)} {each.false or ''} |"
+            f"| {cause} | {each.shops} | {each.right} | {each.named} | {stops} | "
+            f"{statistics.median(each.findings):g} "
+            f"| {each.wrong} | {len(each.dead)} {each.dead or ''} | {len(each.false)} "
+            f"{each.false or ''} |"
         )
     every = list(table.values())
     taken = [stop for each in every for stop in each.stops]
     print(
-        f"\n{sum(each.shops for each in every)} shops: {sum(each.shops - len(each.dead) for each in every)} right or named, median "
-        f"{statistics.median(taken) if taken else '-'} stops, {sum(each.wrong for each in every)} wrong to the file, "
-        f"{sum(len(each.dead) for each in every)} dead ends, {sum(len(each.false) for each in every)} named wrongly"
+        f"\n{sum(each.shops for each in every)} shops: "
+        f"{sum(each.shops - len(each.dead) for each in every)} right or named, median "
+        f"{statistics.median(taken) if taken else '-'} stops, "
+        f"{sum(each.wrong for each in every)} wrong to the file, "
+        f"{sum(len(each.dead) for each in every)} dead ends, "
+        f"{sum(len(each.false) for each in every)} named wrongly"
     )
 
 
@@ -107,7 +131,9 @@ def main() -> None:
     """Draw the shops and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shops", type=int, default=SHOPS)
-    parser.add_argument("--first", type=int, default=0, help="number of the first shop: others are other shops")
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first shop: others are other shops"
+    )
     parser.add_argument("--cause", default="", help="only causes that contain this")
     options = parser.parse_args()
     print_table(counted(range(options.first, options.first + options.shops), options.cause))

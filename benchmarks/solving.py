@@ -1,4 +1,5 @@
-"""``python -m benchmarks.solving``: a process that solves surveys until it is told to end, standing back as the daemon's child does."""
+"""``python -m benchmarks.solving``: a process that solves surveys until it is told to end, standing
+back as the daemon's child does."""
 
 from stepdiag.daq.service.priority import lower_priority
 

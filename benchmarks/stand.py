@@ -37,9 +37,11 @@ port = {page_port}
 enabled = false
 """
 UNIT_NICE = -10
-"""As systemd/stepdiag@.service runs it; without the rights of root the daemon runs at the usual priority."""
+"""As systemd/stepdiag@.service runs it; without the rights of root the daemon runs at the usual
+priority."""
 _CPUCLOCK_SCHED = 2
-"""The clock of a process' processor time, in ns where /proc counts hundredths of a second (clock_getcpuclockid(3))."""
+"""The clock of a process' processor time, in ns where /proc counts hundredths of a second
+(clock_getcpuclockid(3))."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,9 @@ class Process:
 
 
 @contextmanager
-def running(*command: object, env: dict[str, str] | None = None, nice: int = 0) -> Iterator[subprocess.Popen[str]]:
+def running(
+    *command: object, env: dict[str, str] | None = None, nice: int = 0
+) -> Iterator[subprocess.Popen[str]]:
     """Run a Python module until the block ends; it is then told to end and waited for."""
     with subprocess.Popen(
         [sys.executable, "-m", *map(str, command)],
@@ -90,10 +94,16 @@ def running(*command: object, env: dict[str, str] | None = None, nice: int = 0) 
 
 
 @contextmanager
-def feeding(folder: Path, rate_hz: float, *, page: bool = False, **options: object) -> Iterator[Path]:
+def feeding(
+    folder: Path, rate_hz: float, *, page: bool = False, **options: object
+) -> Iterator[Path]:
     """Run a feeder; yield the survey file that fits it."""
-    given = [part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", value)]
-    with running("benchmarks.feeder", "--rate", rate_hz, "--link", folder / "laser", *given) as feeder:
+    given = [
+        part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", value)
+    ]
+    with running(
+        "benchmarks.feeder", "--rate", rate_hz, "--link", folder / "laser", *given
+    ) as feeder:
         assert feeder.stdout is not None
         ready = json.loads(feeder.stdout.readline())
         survey = folder / "survey.toml"
@@ -110,7 +120,9 @@ def daemon(survey: Path) -> Iterator[tuple[Process, float]]:
         listener.bind(str(address))
         listener.settimeout(30.0)
         began = time.monotonic()
-        with running("stepdiag", "run", survey, env={"NOTIFY_SOCKET": str(address)}, nice=UNIT_NICE) as process:
+        with running(
+            "stepdiag", "run", survey, env={"NOTIFY_SOCKET": str(address)}, nice=UNIT_NICE
+        ) as process:
             while listener.recv(4096) != b"READY=1":
                 pass
             ready_s = time.monotonic() - began
@@ -128,5 +140,6 @@ def logged(survey: Path) -> tuple[int, int, list[Chunk]]:
 
 
 def peak_mb() -> float:
-    """Return the most memory that was resident in this process; getrusage(2) would count its parent's before exec(2)."""
+    """Return the most memory that was resident in this process; getrusage(2) would count its
+    parent's before exec(2)."""
     return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024

@@ -38,11 +38,15 @@ def within(result: Result, machine: Machine, increments: int) -> dict[str, list[
             told, true = function.u > 1e-9, truth.errors[name]
             if not function.slope_identified:
                 true = true - true[-1] * np.linspace(0.0, 1.0, len(true))
-            found["functions"] += (np.abs(function.value - true)[told] <= 2 * function.u[told]).tolist()
+            found["functions"] += (
+                np.abs(function.value - true)[told] <= 2 * function.u[told]
+            ).tolist()
     for name in SQUARENESS:
         number = result.squareness[name]
         if number.value is not None and number.u is not None:
-            found["squareness"].append(abs(number.value - truth.squareness_urad[name]) <= 2 * number.u)
+            found["squareness"].append(
+                abs(number.value - truth.squareness_urad[name]) <= 2 * number.u
+            )
     for axis, scale in result.scale.items():
         if scale.value is not None and scale.u is not None:
             found["scale"].append(abs(scale.value - truth.scale_um_m[axis]) <= 2 * scale.u)

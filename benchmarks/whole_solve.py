@@ -1,7 +1,9 @@
-"""``python -m benchmarks.whole_solve INCREMENTS REPEATS``: one survey, out and back, solved to its result in a process of its own.
+"""``python -m benchmarks.whole_solve INCREMENTS REPEATS``: one survey, out and back, solved to its
+result in a process of its own.
 
-Prints the processor seconds of the solve, the largest memory until then in MB, and, unless the survey is too large for it, the processor
-seconds of a dense numpy lstsq of the same readings and unknowns, all in one thread.
+Prints the processor seconds of the solve, the largest memory until then in MB, and, unless the
+survey is too large for it, the processor seconds of a dense numpy lstsq of the same readings and
+unknowns, all in one thread.
 """
 
 import os
@@ -34,9 +36,19 @@ def rows() -> list[Row]:
     """Return the rows of the whole solve."""
     ours, memory, theirs = _measured(81, 3)
     _, of_largest, _ = _measured(500, 1)
-    what, beside = "solver: n = 81, 3 repeats out and back", f"lstsq of the same size: {theirs:.1f} s"
+    what, beside = (
+        "solver: n = 81, 3 repeats out and back",
+        f"lstsq of the same size: {theirs:.1f} s",
+    )
     return [
-        Row(f"{what}, whole result", f"{ours:.1f} s", beside, f"{ours / theirs:.2f}", "at most 1", ours <= theirs),
+        Row(
+            f"{what}, whole result",
+            f"{ours:.1f} s",
+            beside,
+            f"{ours / theirs:.2f}",
+            "at most 1",
+            ours <= theirs,
+        ),
         Row("the same: memory", f"{memory:.0f} MB", goal="500 MB", met=memory <= 500),
         Row(
             "solver: n = 500 out and back: memory",
@@ -50,21 +62,38 @@ def rows() -> list[Row]:
 def _measured(increments: int, repeats: int) -> tuple[float, float, float]:
     one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "benchmarks.whole_solve", str(increments), str(repeats)]
-    ours, memory, theirs = map(float, subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread).stdout.split())
+    ours, memory, theirs = map(
+        float,
+        subprocess.run(
+            command, check=True, capture_output=True, text=True, env=one_thread
+        ).stdout.split(),
+    )
     return ours, memory, theirs
 
 
 def survey(increments: int, repeats: int) -> Readings:
-    """Return four diagonals and three linear runs in a cube of one metre, each on one unbroken count, with noise and backlash."""
-    volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(1000.0, 1000.0, 1000.0), increments=increments)
-    plan = Plan(volume=volume, runs=tuple(Run(setup=name, repeats=repeats) for name in (*BODY_DIAGONALS, *LINEAR_RUNS)))
+    """Return four diagonals and three linear runs in a cube of one metre, each on one unbroken
+    count, with noise and backlash."""
+    volume = Volume(
+        origin_mm=(0.0, 0.0, 0.0), size_mm=(1000.0, 1000.0, 1000.0), increments=increments
+    )
+    plan = Plan(
+        volume=volume,
+        runs=tuple(Run(setup=name, repeats=repeats) for name in (*BODY_DIAGONALS, *LINEAR_RUNS)),
+    )
     readings = perfect_readings(plan, NOISE_UM)
     back = readings.pass_number % 2 == 0
-    length_mm = np.where(np.char.startswith(readings.setup, "linear"), 1.0, np.sqrt(3.0)) * volume.size_mm[0]
-    # on one count a return pass begins where the outward pass ended, short of what reversal has lost
+    length_mm = (
+        np.where(np.char.startswith(readings.setup, "linear"), 1.0, np.sqrt(3.0))
+        * volume.size_mm[0]
+    )
+    # on one count a return pass begins where the outward pass ended, short of what reversal has
+    # lost
     counted_mm = readings.reading_mm + np.where(back, length_mm - 1e-3 * REVERSAL_UM, 0.0)
     noise_mm = 1e-3 * NOISE_UM * np.random.default_rng(0).standard_normal(len(readings))
-    return replace(readings, reading_mm=counted_mm + noise_mm, zero=np.ones(len(readings), dtype=np.int64))
+    return replace(
+        readings, reading_mm=counted_mm + noise_mm, zero=np.ones(len(readings), dtype=np.int64)
+    )
 
 
 def processor_s(work: Callable[[], object]) -> float:

@@ -33,7 +33,8 @@ class ReplayedLog:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A survey from its logs: the survey file as recorded, passes as they came together, findings in order."""
+    """A survey from its logs: the survey file as recorded, passes as they came together, findings
+    in order."""
 
     survey: Survey
     survey_text: str
@@ -46,11 +47,14 @@ class Replayed:
     @property
     def stops(self) -> list[CapturedStop]:
         """Return every stop of the logs in the order of its capture."""
-        return [each for log in self.logs for each in log.outcomes if isinstance(each, CapturedStop)]
+        return [
+            each for log in self.logs for each in log.outcomes if isinstance(each, CapturedStop)
+        ]
 
 
 def begun_logs(folder: Path) -> list[Path]:
-    """Return the logs of a folder, without those that were cut off before anything stood in them: a kill or a full disk at their start."""
+    """Return the logs of a folder, without those that were cut off before anything stood in them: a
+    kill or a full disk at their start."""
     return [path for path in logs_in(folder) if path.suffix != PART_SUFFIX or _begun(path)]
 
 
@@ -77,13 +81,18 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     return logs
 
 
-def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()) -> Replayed:
+def replay(
+    paths: Sequence[Path],
+    survey_file: Path | None = None,
+    suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
+) -> Replayed:
     """Return the contents of the logs of a survey, in the order given; ``survey_file`` stands for
     the one in the logs where that cannot be used.
 
     ``suspicions`` as `PassBook.foretell` takes them.
 
-    Raises DataError for a log that is not ours or that belongs to another survey file, UsageError for a survey file that cannot be used.
+    Raises DataError for a log that is not ours or that belongs to another survey file, UsageError
+    for a survey file that cannot be used.
     """
     opened = [open_log(path) for path in paths]
     text = opened[0].header.survey_text
@@ -92,11 +101,16 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
             text = log.header.survey_text
         elif not extends(text, log.header.survey_text):
             raise DataError(
-                str(log.path), expected=message("file-of", name=opened[0].path.name), found=message("another-one"), remedy=message("alone")
+                str(log.path),
+                expected=message("file-of", name=opened[0].path.name),
+                found=message("another-one"),
+                remedy=message("alone"),
             )
     if survey_file is not None:
         text = read_text(survey_file)
-    survey = parse_survey(text, survey_file.name if survey_file is not None else f"{opened[0].path.name}: survey.toml")
+    survey = parse_survey(
+        text, survey_file.name if survey_file is not None else f"{opened[0].path.name}: survey.toml"
+    )
     book = PassBook(survey)
     book.foretell(suspicions)
     replayed = []

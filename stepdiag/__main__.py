@@ -12,8 +12,9 @@ from pathlib import Path
 def main() -> None:
     """Run the daemon, or any other command of the command line.
 
-    The solver's matrices are small: numpy's threads would wait for each other, spinning, for seven times the work, and more beside a busy
-    neighbour; and sums in one order are the same on every computer.
+    The solver's matrices are small: numpy's threads would wait for each other, spinning, for seven
+    times the work, and more beside a busy neighbour; and sums in one order are the same on every
+    computer.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from stepdiag.base.disk.system import LINUX

@@ -1,7 +1,8 @@
-"""How the property tests draw: the same examples in every `make test`, new ones with ``--hypothesis-profile explore``.
+"""How the property tests draw: the same examples in every `make test`, new ones with
+``--hypothesis-profile explore``.
 
-And what one process does, one after the other, where several share the tests: pytest-xdist 3.8 reads its own mark ``xdist_group`` no more
-with pytest 9.2, without a word.
+And what one process does, one after the other, where several share the tests: pytest-xdist 3.8
+reads its own mark ``xdist_group`` no more with pytest 9.2, without a word.
 """
 
 import gc
@@ -15,18 +16,36 @@ from xdist.scheduler import LoadScopeScheduling
 
 from testkit.running.steady import run_steadily
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
-# `python -m stepdiag` begins its search in the working directory: what a test starts would be the checkout, not the wheel that is tested
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # as the program does, and before numpy is loaded
+# `python -m stepdiag` begins its search in the working directory: what a test starts would be the
+# checkout, not the wheel that is tested
 os.environ["PYTHONSAFEPATH"] = "1"
 
-# A change is judged by what it did, not by the luck of the draw nor by how busy the machine is; `make explore` looks for new examples.
+# A change is judged by what it did, not by the luck of the draw nor by how busy the machine is;
+# `make explore` looks for new examples.
 BUSY = [HealthCheck.too_slow]
 settings.register_profile(
-    "steady", max_examples=40, derandomize=True, deadline=None, database=None, print_blob=True, suppress_health_check=BUSY
+    "steady",
+    max_examples=40,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    print_blob=True,
+    suppress_health_check=BUSY,
 )
-settings.register_profile("explore", derandomize=False, deadline=None, print_blob=True, suppress_health_check=BUSY)
-# of a changed program only whether a test notices it is asked (tools/mutants): few examples, and none made smaller
-settings.register_profile("mutants", settings.get_profile("steady"), max_examples=25, phases=[Phase.explicit, Phase.generate])
+settings.register_profile(
+    "explore", derandomize=False, deadline=None, print_blob=True, suppress_health_check=BUSY
+)
+# of a changed program only whether a test notices it is asked (tools/mutants): few examples, and
+# none made smaller
+settings.register_profile(
+    "mutants",
+    settings.get_profile("steady"),
+    max_examples=25,
+    phases=[Phase.explicit, Phase.generate],
+)
 settings.load_profile("steady")
 
 TOGETHER = {
@@ -80,7 +99,8 @@ LONGEST = (
     "tests/page/test_commands.py",
     "tests/page/test_liveness.py",
 )
-"""Beginnings of the names of the tests that are begun first, in this order: one that begins last is waited for alone."""
+"""Beginnings of the names of the tests that are begun first, in this order: one that begins last is
+waited for alone."""
 
 FOLDERS = {"system": "tests/system/", "control": "tests/system/", "page": "tests/page/"}
 """Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
@@ -89,9 +109,11 @@ COMING = Path(__file__).parents[1] / ".setup" / "coming"
 
 
 class Together(LoadScopeScheduling):
-    """Each file goes to whoever is free, in the system tests each test, but for those of `TOGETHER`.
+    """Each file goes to whoever is free, in the system tests each test, but for those of
+    `TOGETHER`.
 
-    What the tests of a file share is made once, and who hands them out has 210 things to keep account of, not 6,000.
+    What the tests of a file share is made once, and who hands them out has 210 things to keep
+    account of, not 6,000.
     """
 
     def _split_scope(self, nodeid: str) -> str:
@@ -106,7 +128,11 @@ def pytest_xdist_make_scheduler(config, log):
 
 def pytest_runtest_protocol(item, nextitem):
     """Real time and real lines are in these two groups alone."""
-    return run_steadily(item, nextitem) if item.get_closest_marker("system") or item.get_closest_marker("page") else None
+    return (
+        run_steadily(item, nextitem)
+        if item.get_closest_marker("system") or item.get_closest_marker("page")
+        else None
+    )
 
 
 @pytest.fixture(scope="session")
@@ -117,20 +143,36 @@ def debian():
 
 
 def pytest_collection_finish():
-    """Six thousand tests and all that they import stay until the end: nobody looks through them for what could be freed."""
+    """Six thousand tests and all that they import stay until the end: nobody looks through them for
+    what could be freed."""
     gc.collect()
     gc.freeze()
 
 
 def pytest_unconfigure():
-    """What was frozen goes at the end as it came, or duckdb takes it for leaked and says so on sixty lines a process."""
+    """What was frozen goes at the end as it came, or duckdb takes it for leaked and says so on
+    sixty lines a process."""
     gc.unfreeze()
 
 
 def pytest_collection_modifyitems(items):
-    """Refuse a marked test outside the folder of its group, which no group would run; begin with the longest."""
-    marked = ((item, folder) for item in items for mark, folder in FOLDERS.items() if item.get_closest_marker(mark))
+    """Refuse a marked test outside the folder of its group, which no group would run; begin with
+    the longest."""
+    marked = (
+        (item, folder)
+        for item in items
+        for mark, folder in FOLDERS.items()
+        if item.get_closest_marker(mark)
+    )
     lost = [item.nodeid for item, folder in marked if not item.nodeid.startswith(folder)]
     if lost:
-        raise pytest.UsageError(f"these tests stand outside the folder of their group ({FOLDERS}) and would never run: {', '.join(lost)}")
-    items.sort(key=lambda item: next((rank for rank, name in enumerate(LONGEST) if item.nodeid.startswith(name)), len(LONGEST)))
+        raise pytest.UsageError(
+            f"these tests stand outside the folder of their group ({FOLDERS}) and would never "
+            f"run: {', '.join(lost)}"
+        )
+    items.sort(
+        key=lambda item: next(
+            (rank for rank, name in enumerate(LONGEST) if item.nodeid.startswith(name)),
+            len(LONGEST),
+        )
+    )

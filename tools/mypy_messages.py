@@ -1,7 +1,8 @@
-"""A plugin of mypy: every `message("key", ...)` has a key of the catalogue, and arguments of its names and types.
+"""A plugin of mypy: every `message("key", ...)` has a key of the catalogue, and arguments of its
+names and types.
 
-And no code of the program reads the English text of a finding, to decide by it or to show it: `in_words` renders it for the reader,
-code, key and arguments tell what it is about.
+And no code of the program reads the English text of a finding, to decide by it or to show it:
+`in_words` renders it for the reader, code, key and arguments tell what it is about.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,8 @@ READERS = (
     "stepdiag/base/findings.py",
     "stepdiag/daq/records/status.py",
 )
-"""Where a text is written out, and where one of an old log or result takes the place of a message."""
+"""Where a text is written out, and where one of an old log or result takes the place of a
+message."""
 
 
 class Messages(Plugin):
@@ -35,13 +37,21 @@ class Messages(Plugin):
 
     def report_config_data(self, ctx: ReportConfigContext) -> object:
         """Return what a checked file hangs on beside its own text: the catalogue."""
-        return {key: sorted(slots(key).items()) for key in sorted(sentences())} if ctx.id.startswith("stepdiag") else None
+        return (
+            {key: sorted(slots(key).items()) for key in sorted(sentences())}
+            if ctx.id.startswith("stepdiag")
+            else None
+        )
 
 
 def _refuse_text(read: AttributeContext) -> Type:
     path = read.api.path
     if "tests/" not in path and not path.endswith(READERS):
-        read.api.fail("The text of a finding is for old logs and programs outside: use in_words, or its code and arguments", read.context)
+        read.api.fail(
+            "The text of a finding is for old logs and programs outside: use in_words, or its "
+            "code and arguments",
+            read.context,
+        )
     return read.default_attr_type
 
 
@@ -58,7 +68,10 @@ def _check(call: FunctionContext) -> Type:
             call.api.fail(f'No message has the key "{key}"', call.context)
             continue
         if ARG_STAR2 not in call.arg_kinds[1] and given.keys() != wanted.keys():
-            call.api.fail(f"Message {key} has the arguments {', '.join(sorted(wanted)) or 'none'}", call.context)
+            call.api.fail(
+                f"Message {key} has the arguments {', '.join(sorted(wanted)) or 'none'}",
+                call.context,
+            )
         for name, kind in wanted.items():
             if name in given and not is_subtype(given[name], types[kind]):
                 call.api.fail(f"Message {key}: {name} is a {kind}, not {given[name]}", call.context)
@@ -67,8 +80,13 @@ def _check(call: FunctionContext) -> Type:
 
 def _expected(call: FunctionContext) -> dict[str, Type]:
     of = call.api.named_generic_type
-    name, whole = UnionType([of("builtins.str", []), call.default_return_type]), of("builtins.int", [])
-    many = dict.fromkeys(("list", "each", "or", "and", "stops"), of("typing.Sequence", [UnionType([name, whole])]))
+    name, whole = (
+        UnionType([of("builtins.str", []), call.default_return_type]),
+        of("builtins.int", []),
+    )
+    many = dict.fromkeys(
+        ("list", "each", "or", "and", "stops"), of("typing.Sequence", [UnionType([name, whole])])
+    )
     return {"name": name, "whole": whole, "number": of("builtins.float", []), **many}
 
 

@@ -35,7 +35,8 @@ ENDING_NS = 1_000_000_000
 EDGE_NS = 40_000_000
 """The last bins of a plateau may hold the beginning of the move."""
 LONG = 2.5
-"""A standstill of so many dwells is taken while it lasts: after the last stop the machine may stand for ever."""
+"""A standstill of so many dwells is taken while it lasts: after the last stop the machine may stand
+for ever."""
 DWELL_SHARE = 0.5
 """A plateau shorter than this share of the dwell is a place where the machine turned round."""
 MOST_MISSED = 4
@@ -61,13 +62,17 @@ class _Place:
 
 
 class ByLaser:
-    """Follows the laser of one log. ``look`` is called with every chunk; it returns standstills in the order of the pass."""
+    """Follows the laser of one log. ``look`` is called with every chunk; it returns standstills in
+    the order of the pass."""
 
     def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
         self._laser = laser
         self.setup = next(iter(start.hints))
         out, back = start.hints[self.setup].numbers
-        self._routes = {True: route_of(survey.planned, self.setup, out), False: route_of(survey.planned, self.setup, back)}
+        self._routes = {
+            True: route_of(survey.planned, self.setup, out),
+            False: route_of(survey.planned, self.setup, back),
+        }
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
         self._long_ns = LONG * survey.plan.dwell_s * 1e9
@@ -117,7 +122,10 @@ class ByLaser:
         """
         first = 0 if self._outward else len(self._routes[True]) - 1
         if first in known:
-            levels = {(stop if self._outward else len(self._routes[True]) - 1 - stop): level for stop, level in known.items()}
+            levels = {
+                (stop if self._outward else len(self._routes[True]) - 1 - stop): level
+                for stop, level in known.items()
+            }
             self._place = _Place(self._routes[self._outward], -1, levels)
 
     def _lost(self) -> bool:
@@ -163,7 +171,9 @@ class ByLaser:
             if not begun:
                 self._nowhere(place, stand, outcomes)
             return begun
-        if stop == place.stop or (turning and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS):
+        if stop == place.stop or (
+            turning and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS
+        ):
             return []  # the machine has not moved since that stop was taken
         self._place = _Place(place.route, stop, {**place.levels, stop: stand.level_mm})
         return [(stop, stand)]
@@ -176,11 +186,24 @@ class ByLaser:
         if first is None:
             return []
         moved = stand.level_mm - first.level_mm
-        way = next((way for way in (self._outward, not self._outward) if agrees(moved, self._routes[way].step_mm(0, 1))), None)
+        way = next(
+            (
+                way
+                for way in (self._outward, not self._outward)
+                if agrees(moved, self._routes[way].step_mm(0, 1))
+            ),
+            None,
+        )
         if way is None:
             return []
         if self._fresh and way is not self._outward:
-            self._say("error", message("wrong-laser-sign.first", setup=self.setup, moved_mm=moved, wanted_mm=-moved), outcomes)
+            self._say(
+                "error",
+                message(
+                    "wrong-laser-sign.first", setup=self.setup, moved_mm=moved, wanted_mm=-moved
+                ),
+                outcomes,
+            )
             return []
         self._place = _Place(self._routes[way], 1, {0: first.level_mm, 1: stand.level_mm})
         return [(0, first), (1, stand)]
@@ -190,14 +213,20 @@ class ByLaser:
         along.
         """
         last = len(place.route) - 1
-        if place.stop == -1 and not agrees(stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)):
+        if place.stop == -1 and not agrees(
+            stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)
+        ):
             return
         if place.stop == -1:
             self._say("error", message("place-unknown.one-more", setup=self.setup), outcomes)
             return
         expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
         moved = stand.level_mm - place.levels[place.stop]
-        self._say("warning", message("between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected), outcomes)
+        self._say(
+            "warning",
+            message("between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected),
+            outcomes,
+        )
 
     def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
         """Take a finding once a log."""
@@ -213,23 +242,36 @@ class ByLaser:
         from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
         before, self._left_ns = self._left_ns, to_ns
         signals = Signals(stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
-        return Dwell(from_ns=from_ns, to_ns=max(from_ns, to_ns), not_before_ns=before or from_ns - 1, signals=signals)
+        return Dwell(
+            from_ns=from_ns,
+            to_ns=max(from_ns, to_ns),
+            not_before_ns=before or from_ns - 1,
+            signals=signals,
+        )
 
 
 def _nearest(place: _Place, level_mm: float) -> int | None:
     """Return the stop nearest to a level, seen from the stop before; None if no stop is near."""
     route, here = place.route, max(place.stop, 0)
     most = min(len(route) - 1, place.stop + 1 + MOST_MISSED)
-    expected = {stop: place.levels.get(stop, place.levels[here] + route.step_mm(here, stop)) for stop in range(most + 1)}
+    expected = {
+        stop: place.levels.get(stop, place.levels[here] + route.step_mm(here, stop))
+        for stop in range(most + 1)
+    }
     best = min(expected, key=lambda stop: abs(level_mm - expected[stop]))
     if best == place.stop:
         return best if abs(level_mm - expected[best]) < STILL_MM else None
-    return best if agrees(level_mm - place.levels[here], expected[best] - place.levels[here]) else None
+    return (
+        best if agrees(level_mm - place.levels[here], expected[best] - place.levels[here]) else None
+    )
 
 
 def _plateaus(span: Span, least_s: float) -> list[_Stand]:
     """Return the plateaus of a span; a shaken standstill is in several."""
-    return [_Stand(each.from_ns, each.to_ns, each.level_mm) for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))]
+    return [
+        _Stand(each.from_ns, each.to_ns, each.level_mm)
+        for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))
+    ]
 
 
 def _marked(span: Span) -> list[_Stand]:
@@ -243,7 +285,14 @@ def _marked(span: Span) -> list[_Stand]:
     found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         level_mm = float(np.median(span.position_mm[begin:end]))
-        found.append(_Stand(float(span.time_ns[begin]), float(span.time_ns[end - 1]), level_mm, int(marker[begin] + 1) // 2))
+        found.append(
+            _Stand(
+                float(span.time_ns[begin]),
+                float(span.time_ns[end - 1]),
+                level_mm,
+                int(marker[begin] + 1) // 2,
+            )
+        )
     return found
 
 
@@ -254,7 +303,11 @@ def _joined(parts: list[_Stand], span: Span) -> list[_Stand]:
     found: list[_Stand] = []
     for part in parts:
         last = found[-1] if found else None
-        if last is not None and part.from_ns - last.to_ns < PAUSE_NS and _still_between(last, part, span):
+        if (
+            last is not None
+            and part.from_ns - last.to_ns < PAUSE_NS
+            and _still_between(last, part, span)
+        ):
             found[-1] = _Stand(last.from_ns, part.to_ns, last.level_mm)
         else:
             found.append(part)

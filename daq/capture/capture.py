@@ -57,7 +57,9 @@ class Capture:
 
     def __init__(self, survey: Survey, start: CaptureStart) -> None:
         self._survey = survey
-        self._streams: dict[Stream, StreamBuffer] = {stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items()}
+        self._streams: dict[Stream, StreamBuffer] = {
+            stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items()
+        }
         self.laser = self._streams["laser"]
         self.head = self._streams.get("head")
         self.air = self._streams.get("air", self.laser)
@@ -101,9 +103,15 @@ class Capture:
 
     @property
     def driven_out(self) -> bool:
-        """Return whether the machine has left the last stop of its pass, which is taken in a moment: nothing needs the beam any more."""
+        """Return whether the machine has left the last stop of its pass, which is taken in a
+        moment: nothing needs the beam any more."""
         walk = self.walk
-        return walk is not None and not self.ended and walk.expected == len(walk.route) - 1 and bool(self._pending)
+        return (
+            walk is not None
+            and not self.ended
+            and walk.expected == len(walk.route) - 1
+            and bool(self._pending)
+        )
 
     @property
     def standing(self) -> Signals | None:
@@ -111,9 +119,13 @@ class Capture:
         is not for the log that follows.
         """
         dwell = self.tracker.open
-        if dwell is None or self._went_on:  # the first stop of another setup is for the log that follows
+        if (
+            dwell is None or self._went_on
+        ):  # the first stop of another setup is for the log that follows
             return None
-        taken = dwell.from_ns == self._taken_from_ns or self._pending.goes_on(dwell, self._mover(dwell.signals))
+        taken = dwell.from_ns == self._taken_from_ns or self._pending.goes_on(
+            dwell, self._mover(dwell.signals)
+        )
         return dwell.signals if taken else None
 
     def feed(self, event: Event) -> list[Outcome]:
@@ -157,7 +169,9 @@ class Capture:
             now_ns = event.time_ns
         if self._pending:
             self._settle(now_ns, outcomes)
-        if self._handshake and not (self._skip_open or self._pulse.still or self._samples_follow(event)):
+        if self._handshake and not (
+            self._skip_open or self._pulse.still or self._samples_follow(event)
+        ):
             self._take_early(outcomes)
         self._remarks.listen_now_and_then(now_ns, outcomes)
         return outcomes
@@ -178,8 +192,8 @@ class Capture:
         return self._taker.left_over()
 
     def went_beyond(self) -> bool | None:
-        """Return whether the machine was seen to overrun the last stop of its pass, to come back from
-        the other side; None if it may have.
+        """Return whether the machine was seen to overrun the last stop of its pass, to come back
+        from the other side; None if it may have.
         """
         walk = self.walk
         if walk is None or walk.last is None or walk.last.stop < len(walk.route) - 1:
@@ -199,7 +213,13 @@ class Capture:
         before = len(by_laser.seen)
         dwells, outcomes_of_laser = by_laser.look(now_ns)
         for ended_ns, level_mm in by_laser.seen[before:]:
-            outcomes.extend(self._cause.take(Stand(Signals(stopped=True), level_mm, self._losses(ended_ns)), by_laser.setup, 0))
+            outcomes.extend(
+                self._cause.take(
+                    Stand(Signals(stopped=True), level_mm, self._losses(ended_ns)),
+                    by_laser.setup,
+                    0,
+                )
+            )
         for outcome in outcomes_of_laser:
             if isinstance(outcome, Ended):
                 self._end(outcome.kind, outcome.reason, outcomes)
@@ -211,7 +231,9 @@ class Capture:
     def _take_remark(self, event: LinkEvent | Loss, outcomes: list[Outcome]) -> None:
         if isinstance(event, Loss):
             self._remarks.listen(outcomes)
-            text = message("recording-gap", events=event.events, bytes=event.bytes, why=event.reason)
+            text = message(
+                "recording-gap", events=event.events, bytes=event.bytes, why=event.reason
+            )
             outcomes.append(finding("error", text))
             for stream in self._streams.values():
                 stream.interrupted(event.time_ns, NOT_RECORDED)
@@ -237,9 +259,15 @@ class Capture:
         if self._left_program(signals):
             self._end_if_left(signals, outcomes)
             signals = replace(signals, stopped=False)
-        closed = self.tracker.poll(signals, block.send_ns - self._late_ns, block.recv_ns - self._late_ns)
+        closed = self.tracker.poll(
+            signals, block.send_ns - self._late_ns, block.recv_ns - self._late_ns
+        )
         if self._skip_open:
-            self._skip_open = self.tracker.open is not None and closed is None and signals.stop_count in (None, self._last_count)
+            self._skip_open = (
+                self.tracker.open is not None
+                and closed is None
+                and signals.stop_count in (None, self._last_count)
+            )
             if self._skip_open:
                 return
             if closed is not None:
@@ -267,9 +295,17 @@ class Capture:
             return
         if walk.expected > 0 and walk.last is not None:
             why = message("program-left") if signals.running is False else message("setup-left")
-            self._end("aborted", walk.at(message("left-after", why=why, stop=walk.expected - 1, last=len(walk.route) - 1)), outcomes)
+            self._end(
+                "aborted",
+                walk.at(
+                    message("left-after", why=why, stop=walk.expected - 1, last=len(walk.route) - 1)
+                ),
+                outcomes,
+            )
 
-    def _end(self, kind: Literal["complete", "aborted"], reason: Message, outcomes: list[Outcome]) -> None:
+    def _end(
+        self, kind: Literal["complete", "aborted"], reason: Message, outcomes: list[Outcome]
+    ) -> None:
         self._remarks.listen(outcomes)
         self.ended = Ended(kind, reason)
         outcomes.append(self.ended)
@@ -283,7 +319,8 @@ class Capture:
         return heard and polled
 
     def _take_early(self, outcomes: list[Outcome]) -> None:
-        """With the handshake the machine waits for us: take the stop as soon as a steady window of full length is in.
+        """With the handshake the machine waits for us: take the stop as soon as a steady window of
+        full length is in.
 
         No wait for missing samples, except for the chunk after each poll (`_samples_follow`).
         """
@@ -296,7 +333,9 @@ class Capture:
         known = replace(dwell, to_ns=min(dwell.to_ns, int(max(placing.newest_ns(), dwell.from_ns))))
         unbroken = unbroken_parts(placing, known)[-1]
         certain_s = (unbroken.to_ns - unbroken.from_ns) * 1e-9 - rules.settle_s
-        if certain_s < rules.min_window_s or (certain_s < LAG_S and not self._at_expected(dwell.signals)):
+        if certain_s < rules.min_window_s or (
+            certain_s < LAG_S and not self._at_expected(dwell.signals)
+        ):
             return
         taken = certain_window(placing, unbroken, rules)
         if taken is not None and (not taken.doubts or certain_s > PATIENCE * rules.min_window_s):
@@ -311,7 +350,9 @@ class Capture:
         walk = self.walk
         if walk is None or walk.ended or signals.commanded_mm is None:
             return True
-        return walk.route.find(signals.commanded_mm, walk.expected) == walk.expected and walk.counts_on(signals)
+        return walk.route.find(
+            signals.commanded_mm, walk.expected
+        ) == walk.expected and walk.counts_on(signals)
 
     def _settle(self, now_ns: int, outcomes: list[Outcome]) -> None:
         while self._pending:
@@ -339,13 +380,25 @@ class Capture:
             self._end(found.kind, found.reason, outcomes)
         if not isinstance(found, Walk) or self.ended:
             return
-        felt = with_air(self._survey, dwell.signals, self.air, dwell.to_ns, silent=math.nan) if self._sensed else dwell.signals
+        felt = (
+            with_air(self._survey, dwell.signals, self.air, dwell.to_ns, silent=math.nan)
+            if self._sensed
+            else dwell.signals
+        )
         judged = self._conditions.judge(felt, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
         taken: list[Outcome] = []
-        self._taker.take(found, self._finder.turn, replace(dwell, signals=judged.signals), self._placing(dwell.signals), taken)
+        self._taker.take(
+            found,
+            self._finder.turn,
+            replace(dwell, signals=judged.signals),
+            self._placing(dwell.signals),
+            taken,
+        )
         outcomes.extend(remarked(found, taken, judged, self._alarm))
         if found.ended and not self.ended:
-            self._end("complete", found.at(message("last-gone-by", stop=len(found.route) - 1)), outcomes)
+            self._end(
+                "complete", found.at(message("last-gone-by", stop=len(found.route) - 1)), outcomes
+            )
 
     def _judge_cause(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
         """Let the standstill be judged together with the earlier standstills."""
@@ -354,22 +407,41 @@ class Capture:
             return
         walk, taken = self.walk, certain_windows(self.laser, dwell, self._survey.stop)
         until_ns = taken[0].to_ns if taken else dwell.to_ns
-        moves = moves_between(self.laser, self._dwell_before, dwell) if self._dwell_before is not None else ()
+        moves = (
+            moves_between(self.laser, self._dwell_before, dwell)
+            if self._dwell_before is not None
+            else ()
+        )
         self._dwell_before = dwell
-        stand = Stand(dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), moves)
-        outcomes.extend(self._cause.take(stand, walk.route.setup if walk is not None else None, walk.expected if walk is not None else 0))
+        stand = Stand(
+            dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), moves
+        )
+        outcomes.extend(
+            self._cause.take(
+                stand,
+                walk.route.setup if walk is not None else None,
+                walk.expected if walk is not None else 0,
+            )
+        )
 
     def _reading_mm(self, dwell: Dwell) -> float | None:
-        """Return what the laser reads at the first dwell; None where nothing, or where its count does not reach back to the log before."""
+        """Return what the laser reads at the first dwell; None where nothing, or where its count
+        does not reach back to the log before."""
         taken = certain_windows(self.laser, dwell, self._survey.stop)
         return taken[0].window.mean_mm if taken and self._taker.reaches_back(taken, dwell) else None
 
     def _mover(self, signals: Signals) -> Placing | None:
-        """Return the stream that shows whether the machine moves; None in a run of the 4-DOF head, which sees no travel."""
+        """Return the stream that shows whether the machine moves; None in a run of the 4-DOF head,
+        which sees no travel."""
         return None if self.head is not None and self._finder.is_head_run(signals) else self.laser
 
     def _placing(self, signals: Signals) -> Placing:
-        """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's own."""
+        """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's
+        own."""
         if self.head is None or not self._finder.is_head_run(signals):
             return self.laser
-        return AngleView(self.head) if self._survey.head is not None and self._survey.head.angular else QdView(self.head)
+        return (
+            AngleView(self.head)
+            if self._survey.head is not None and self._survey.head.angular
+            else QdView(self.head)
+        )

@@ -9,7 +9,8 @@ from stepdiag.base.messages import Message, Words, joined
 
 
 class Remark(msgspec.Struct, frozen=True):
-    """Why a person should look at a stop: a finding's code and its message; the text alone in a log that held nothing else."""
+    """Why a person should look at a stop: a finding's code and its message; the text alone in a log
+    that held nothing else."""
 
     code: str
     why: Words
@@ -66,8 +67,11 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
         return tuple(dict.fromkeys(each.code for each in self.doubts))
 
     def why(self, *codes: str) -> Words:
-        """Return why a person should look at the stop, or as far as a finding names it; empty where nothing is doubted."""
-        return joined(list(dict.fromkeys(each.why for each in self.doubts if not codes or each.code in codes)))
+        """Return why a person should look at the stop, or as far as a finding names it; empty where
+        nothing is doubted."""
+        return joined(
+            list(dict.fromkeys(each.why for each in self.doubts if not codes or each.code in codes))
+        )
 
 
 def from_log(fields: dict[str, Any]) -> CapturedStop:

@@ -58,7 +58,14 @@ hour.
 """
 
 
-UNITS_HPA: Mapping[str, float] = {"kPa": 10.0, "mmHg": 1.333224, "inHg": 33.86389, "Pa": 0.01, "psi": 68.94757, "bar": 1000.0}
+UNITS_HPA: Mapping[str, float] = {
+    "kPa": 10.0,
+    "mmHg": 1.333224,
+    "inHg": 33.86389,
+    "Pa": 0.01,
+    "psi": 68.94757,
+    "bar": 1000.0,
+}
 UNIT_NEAR, UNIT_FAR = 0.06, 0.2
 """A pressure is in another unit if this unit brings it to the pressure of [environment], within the
 weather, and it is no height of a hall: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
@@ -86,7 +93,8 @@ Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sens
 
 @dataclass(slots=True)
 class Judged:
-    """The signals with what is believed of the sensors; which were ``held``; what is new (``remarks``), and what is ``doubted``."""
+    """The signals with what is believed of the sensors; which were ``held``; what is new
+    (``remarks``), and what is ``doubted``."""
 
     signals: Signals
     held: tuple[str, ...] = ()
@@ -94,14 +102,24 @@ class Judged:
     doubted: list[Message] = field(default_factory=list)
 
 
-def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int, *, silent: float | None = None) -> Signals:
-    """Return the signals with what the sensor, or the laser's own sensors, sent, where the survey takes air and material from them.
+def with_air(
+    survey: Survey,
+    signals: Signals,
+    sensor: StreamBuffer,
+    now_ns: int,
+    *,
+    silent: float | None = None,
+) -> Signals:
+    """Return the signals with what the sensor, or the laser's own sensors, sent, where the survey
+    takes air and material from them.
 
     ``silent`` names its expected values without a reading for `STALE_NS`: None, or NaN for who
     judges it (`Conditions`).
     """
     names = condition_names(survey, sensor)
-    if not names:  # asked for every event: what the sensor has sent is decoded only where somebody takes it
+    if (
+        not names
+    ):  # asked for every event: what the sensor has sent is decoded only where somebody takes it
         return signals
     fresh = sensor.conditions_since(now_ns - STALE_NS)
     return replace(signals, **{name: fresh.get(name, silent) for name in names})  # type: ignore[arg-type]
@@ -123,7 +141,11 @@ def needed_conditions(survey: Survey) -> tuple[str, ...]:
 
 
 def believed_before(
-    survey: Survey, sensor: StreamBuffer, now_ns: int, wall_offset_ns: int, credible: Mapping[str, Credible]
+    survey: Survey,
+    sensor: StreamBuffer,
+    now_ns: int,
+    wall_offset_ns: int,
+    credible: Mapping[str, Credible],
 ) -> dict[str, Credible]:
     """Return the values at the beginning of a log: the values of the logs before, and the sensor's
     values since, if credible.
@@ -136,7 +158,8 @@ def believed_before(
 
 
 class Conditions:
-    """Follows air and material from stop to stop. ``credible`` are the last values that were believed in the logs before."""
+    """Follows air and material from stop to stop. ``credible`` are the last values that were
+    believed in the logs before."""
 
     def __init__(self, survey: Survey, credible: Mapping[str, Credible]) -> None:
         self._environment, self._signals = survey.environment, survey.plc.signals
@@ -151,11 +174,16 @@ class Conditions:
         return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
-        """Return what is believed of the sensors at a stop; everything where the survey file fixes the conditions itself."""
+        """Return what is believed of the sensors at a stop; everything where the survey file fixes
+        the conditions itself."""
         if self._environment.source == "fixed":
             return Judged(signals)
         judged = Judged(signals)
-        believed = {name: self._believe(name, value, time_s, judged) for name in COURSES if (value := getattr(signals, name)) is not None}
+        believed = {
+            name: self._believe(name, value, time_s, judged)
+            for name in COURSES
+            if (value := getattr(signals, name)) is not None
+        }
         judged.signals = replace(signals, **believed)  # type: ignore[arg-type]
         return judged
 
@@ -166,7 +194,13 @@ class Conditions:
             return last.value  # of before this log began
         code = self._wrong(name, value, time_s)
         if code == "sensor-jump" and self._agreed(name, value):
-            judged.doubted.append(message("sensor-jump.believed", found=self._found(name, value, time_s), count=BELIEVED_STOPS))
+            judged.doubted.append(
+                message(
+                    "sensor-jump.believed",
+                    found=self._found(name, value, time_s),
+                    count=BELIEVED_STOPS,
+                )
+            )
             code = None
         if code and self._trouble.get(name) != code:
             judged.remarks.append(self._in_words(code, name, value, time_s))
@@ -187,26 +221,44 @@ class Conditions:
         if not _possible(name, value) or self._unit(name, value):
             return "conditions-held.implausible"
         last = self._credible.get(name)
-        return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else None
+        return (
+            "sensor-jump"
+            if last is not None and abs(value - last.value) > self._reach(name, time_s)
+            else None
+        )
 
     def _unit(self, name: str, value: float) -> str:
         """Return the unit in which a pressure agrees with [environment]; empty for hPa, or for
         none.
         """
         stated = self._environment.air_pressure_hpa
-        if name != "air_pressure_hpa" or name in self._credible or abs(value / stated - 1) <= UNIT_FAR:
+        if (
+            name != "air_pressure_hpa"
+            or name in self._credible
+            or abs(value / stated - 1) <= UNIT_FAR
+        ):
             return ""
-        return next((unit for unit, hpa in UNITS_HPA.items() if abs(value * hpa / stated - 1) <= UNIT_NEAR), "")
+        return next(
+            (unit for unit, hpa in UNITS_HPA.items() if abs(value * hpa / stated - 1) <= UNIT_NEAR),
+            "",
+        )
 
     def _agreed(self, name: str, value: float) -> bool:
         """Return whether enough stops in a row agree on a value after its jump."""
-        seen = [other for other in self._jumped.get(name, []) if abs(other - value) <= COURSES[name].at_once]
+        seen = [
+            other
+            for other in self._jumped.get(name, [])
+            if abs(other - value) <= COURSES[name].at_once
+        ]
         self._jumped[name] = [*seen, value]
         return len(self._jumped[name]) >= BELIEVED_STOPS
 
     def _reach(self, name: str, time_s: float) -> float:
         course = COURSES[name]
-        return course.at_once + course.an_hour * max(0.0, time_s - self._credible[name].time_s) / 3600.0
+        return (
+            course.at_once
+            + course.an_hour * max(0.0, time_s - self._credible[name].time_s) / 3600.0
+        )
 
     def _unknown(self, name: str, value: float) -> list[Message]:
         """Return the doubt of a reading that depends on an unmeasured quantity."""
@@ -216,34 +268,63 @@ class Conditions:
         counts = _value(stated, unit)
         if math.isnan(value):
             return [message("air-unknown.silent", name=CONDITIONS[name], stated=counts)]
-        return [message("air-unknown", name=CONDITIONS[name], read=_value(value, unit), stated=counts)]
+        return [
+            message("air-unknown", name=CONDITIONS[name], read=_value(value, unit), stated=counts)
+        ]
 
     def _found(self, name: str, value: float, time_s: float) -> Message:
         low, high = HALL[name]
         last, unit = self._credible.get(name), COURSES[name].unit
         if last is None or not _possible(name, value):
-            return message("no-hall-has", name=CONDITIONS[name], read=_value(value, unit), low=low, high=high)
+            return message(
+                "no-hall-has", name=CONDITIONS[name], read=_value(value, unit), low=low, high=high
+            )
         before, ago_s = _value(last.value, unit), time_s - last.time_s
-        return message("reads-after", name=CONDITIONS[name], read=_value(value, unit), before=before, ago_s=ago_s)
+        return message(
+            "reads-after",
+            name=CONDITIONS[name],
+            read=_value(value, unit),
+            before=before,
+            ago_s=ago_s,
+        )
 
     def _in_words(self, code: Trouble, name: str, value: float, time_s: float) -> Message:
         unit, last = COURSES[name].unit, self._credible.get(name)
         stated = getattr(self._environment, name)
         if math.isnan(value):
             if last is None:
-                return message("conditions-held.silent", name=CONDITIONS[name], stated=_value(stated, unit))
-            return message("conditions-held.silent-held", name=CONDITIONS[name], held=_value(last.value, unit))
+                return message(
+                    "conditions-held.silent", name=CONDITIONS[name], stated=_value(stated, unit)
+                )
+            return message(
+                "conditions-held.silent-held", name=CONDITIONS[name], held=_value(last.value, unit)
+            )
         unit_of, signal = self._unit(name, value), self._signals.get(name)
         if unit_of and signal is not None:
             scale = signal.scale * UNITS_HPA[unit_of]
-            return message("conditions-held.unit", name=CONDITIONS[name], read=_value(value, unit), unit=unit_of,
-                           hpa=value * UNITS_HPA[unit_of], line=f"plc.signals.{name}.scale", value=f"{scale:.6g}",
-                           stated=_value(stated, unit))  # fmt: skip
-        found, key = self._found(name, value, time_s), cast('Literal["conditions-held.implausible", "sensor-jump"]', code)
+            return message(
+                "conditions-held.unit",
+                name=CONDITIONS[name],
+                read=_value(value, unit),
+                unit=unit_of,
+                hpa=value * UNITS_HPA[unit_of],
+                line=f"plc.signals.{name}.scale",
+                value=f"{scale:.6g}",
+                stated=_value(stated, unit),
+            )
+        found, key = (
+            self._found(name, value, time_s),
+            cast('Literal["conditions-held.implausible", "sensor-jump"]', code),
+        )
         if last is None:
             return message("conditions-held.never", found=found, stated=_value(stated, unit))
         u = self._reach(name, time_s) / math.sqrt(3.0)
-        return message(key, found=found, held=_value(last.value, unit), u=message("with-unit", value=u, unit=unit))
+        return message(
+            key,
+            found=found,
+            held=_value(last.value, unit),
+            u=message("with-unit", value=u, unit=unit),
+        )
 
 
 def _value(value: float, unit: str) -> Message:

@@ -1,4 +1,5 @@
-"""A stop of a 4-DOF run, placed by the head's own stream: the laser may see nothing along this axis.
+"""A stop of a 4-DOF run, placed by the head's own stream: the laser may see nothing along this
+axis.
 
 The head is steady when its quadrant detector is. A slide that coasts in shows there as vibration,
 not as travel; only Modbus reports that the machine stands at all.
@@ -15,11 +16,18 @@ from stepdiag.daq.timing.samples import Flag
 from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
 
 NOMINAL_QD_MM = 0.6
-"""Movement of the target at which the normalised QD would reach 1 along its first slope, for a spot of 2 mm radius (0.3 to 0.9 mm for
-1 to 3 mm). It only judges whether the signal is steady; measured is with the head's calibration."""
+"""Movement of the target at which the normalised QD would reach 1 along its first slope, for a spot
+of 2 mm radius (0.3 to 0.9 mm for 1 to 3 mm). It only judges whether the signal is steady; measured
+is with the head's calibration."""
 LEVER_MM = 100.0
-"""At which an angle counts as a movement: it only judges whether the instrument has come to rest."""
-Trouble = Literal["fourdof-beam-blocked.in-dwell", "fourdof-out-of-range.detector", "fourdof-out-of-range", "instrument-reports.head"]
+"""At which an angle counts as a movement: it only judges whether the instrument has come to
+rest."""
+Trouble = Literal[
+    "fourdof-beam-blocked.in-dwell",
+    "fourdof-out-of-range.detector",
+    "fourdof-out-of-range",
+    "instrument-reports.head",
+]
 TROUBLES: tuple[tuple[Flag, Trouble], ...] = (
     (Flag.BEAM_LOST, "fourdof-beam-blocked.in-dwell"),
     (Flag.SATURATED, "fourdof-out-of-range.detector"),
@@ -29,7 +37,8 @@ TROUBLES: tuple[tuple[Flag, Trouble], ...] = (
 
 
 class QdView:
-    """The head's stream seen as a length: ``position_mm`` is the livelier lateral movement of the target that the QD shows."""
+    """The head's stream seen as a length: ``position_mm`` is the livelier lateral movement of the
+    target that the QD shows."""
 
     def __init__(self, head: StreamBuffer) -> None:
         self._head = head
@@ -47,7 +56,8 @@ class QdView:
         return self._head.newest_ns()
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples of a span of time; those without any light on the QD count as unusable."""
+        """Return the usable samples of a span of time; those without any light on the QD count as
+        unusable."""
         span = self._head.span(from_ns, to_ns, arrived_before_ns)
         if span.channels is None or not len(span.channels):
             return span
@@ -65,7 +75,8 @@ class QdView:
 
 
 class AngleView(QdView):
-    """The stream of an autocollimator or a level seen as a length: ``position_mm`` is what its livelier angle makes at `LEVER_MM`."""
+    """The stream of an autocollimator or a level seen as a length: ``position_mm`` is what its
+    livelier angle makes at `LEVER_MM`."""
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
         """Return the usable samples of a span of time."""

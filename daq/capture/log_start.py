@@ -61,7 +61,8 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:
-    """Return the capture's start from a log's ``stepdiag.run`` record. Raises DataError where it is missing or damaged."""
+    """Return the capture's start from a log's ``stepdiag.run`` record. Raises DataError where it is
+    missing or damaged."""
     try:
         start = msgspec.json.decode(run["start"])
         for hint in start["hints"].values():

@@ -1,4 +1,5 @@
-"""When the link of an instrument was down: the cause of a missing reading that is named in place of its symptoms."""
+"""When the link of an instrument was down: the cause of a missing reading that is named in place of
+its symptoms."""
 
 import math
 from collections.abc import Collection

@@ -35,8 +35,8 @@ from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 
 ROUNDED_MM = 0.1
-"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91 that adds up to 0.1 mm over twenty
-increments: worth a note. More is worth a look at the program."""
+"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91
+that adds up to 0.1 mm over twenty increments: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
 """Factor by which a difference must exceed the difference reported of the pass before to be
 reported again.
@@ -53,7 +53,14 @@ FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
 class StopTaker:
     """Takes the stops of one log."""
 
-    def __init__(self, survey: Survey, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart, outages: Outages) -> None:
+    def __init__(
+        self,
+        survey: Survey,
+        laser: StreamBuffer,
+        head: StreamBuffer | None,
+        start: CaptureStart,
+        outages: Outages,
+    ) -> None:
         self._rules = survey.stop
         self._both_ways = survey.plan.return_pass
         self._positions = PositionCheck(survey.plc.signals)
@@ -71,7 +78,14 @@ class StopTaker:
         self._believed: list[tuple[Dwell, list[Taken]]] = []
         """The unplaced standstills, while they may be the first stops of a pass begun anew."""
 
-    def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
+    def take(
+        self,
+        walk: Walk,
+        turn: CapturedStop | None,
+        dwell: Dwell,
+        placing: Placing,
+        outcomes: list[Outcome],
+    ) -> None:
         """Take the stop of a dwell, and the stops before it that Modbus missed. ``turn`` is the
         last stop of the pass before.
         """
@@ -86,24 +100,40 @@ class StopTaker:
             index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=lost)
             if walk.apart:
                 self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
-            self._believed = [*([] if lost else self._believed), (dwell, taken)] if (walk.unsure or walk.nowhere) and taken else []
+            self._believed = (
+                [*([] if lost else self._believed), (dwell, taken)]
+                if (walk.unsure or walk.nowhere) and taken
+                else []
+            )
         else:
             index, odd = walk.locate(dwell.signals)
         outcomes.extend(odd)
         if index is None:
             return
-        if walk.expected == 0 and turn is not None and self._turned_round(walk, turn, index, dwell, outcomes):
-            _share_turn(walk, turn, dwell.signals.stop_count if index == 0 else turn.stop_count, outcomes)
+        if (
+            walk.expected == 0
+            and turn is not None
+            and self._turned_round(walk, turn, index, dwell, outcomes)
+        ):
+            _share_turn(
+                walk, turn, dwell.signals.stop_count if index == 0 else turn.stop_count, outcomes
+            )
             if index == 0:
                 return
         for missed in range(walk.expected, index):
-            expected_mm = turn.reading_mm if missed == 0 and turn is not None else walk.expected_reading_mm(missed)
+            expected_mm = (
+                turn.reading_mm
+                if missed == 0 and turn is not None
+                else walk.expected_reading_mm(missed)
+            )
             self._recover(walk, missed, dwell, expected_mm, outcomes)
         outcomes += self._positions.judge(walk, index, dwell.signals)
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
 
-    def _turned_round(self, walk: Walk, turn: CapturedStop, index: int, dwell: Dwell, outcomes: list[Outcome]) -> bool:
+    def _turned_round(
+        self, walk: Walk, turn: CapturedStop, index: int, dwell: Dwell, outcomes: list[Outcome]
+    ) -> bool:
         """Return whether a pass begins with the last reading of the pass before: the machine
         reversed at this stop.
 
@@ -141,26 +171,37 @@ class StopTaker:
         for index, (dwell, windows) in enumerate(believed):
             self._place(walk, index, dwell, windows, outcomes)
 
-    def _place(self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]) -> None:
+    def _place(
+        self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]
+    ) -> None:
         if self._head is not None and walk.route.travel.is_fourdof:
             self._place_head(walk, index, dwell, taken[-1] if taken else None, self._head, outcomes)
             return
         expected = walk.expected_reading_mm(index)
         if not taken and expected is not None:
             begin = max(self._looked_until_ns, float(dwell.not_before_ns or dwell.from_ns))
-            seen = plateau_window(self._laser, begin, self._laser.newest_ns(), expected, self._rules)
+            seen = plateau_window(
+                self._laser, begin, self._laser.newest_ns(), expected, self._rules
+            )
             taken = [seen] if seen is not None else []
         if not taken:
-            outcomes += self._without_reading(walk, index, dwell, "laser", message("stop-without-reading"))
+            outcomes += self._without_reading(
+                walk, index, dwell, "laser", message("stop-without-reading")
+            )
             walk.skip(index, dwell.signals.stop_count)
         for number, window in enumerate(taken):
-            stop = make_stop(walk.route, index, dwell.signals, window, self._head, self._wall_offset_ns)
+            stop = make_stop(
+                walk.route, index, dwell.signals, window, self._head, self._wall_offset_ns
+            )
             if doubt := self._from_beyond(walk, index, dwell, taken[0]):
                 stop = marked(stop, doubt)
             self._commit(walk, stop, outcomes, again=number > 0)
 
-    def _without_reading(self, walk: Walk, index: int, dwell: Dwell, link: Link, symptom: Message) -> list[Finding]:
-        """Return why a stop has no reading: that the link was down, once an outage, else the symptom."""
+    def _without_reading(
+        self, walk: Walk, index: int, dwell: Dwell, link: Link, symptom: Message
+    ) -> list[Finding]:
+        """Return why a stop has no reading: that the link was down, once an outage, else the
+        symptom."""
         if not self._outages.covers(link, dwell.from_ns, dwell.to_ns):
             return [walk.finding("error", index, symptom)]
         return [walk.finding("error", index, LINK_DOWN[link])] if self._outages.news(link) else []
@@ -196,25 +237,43 @@ class StopTaker:
             return FROM_WHERE
         return FROM_BEYOND if along is False else None
 
-    def _place_head(self, walk: Walk, index: int, dwell: Dwell, taken: Taken | None, head: StreamBuffer, outcomes: list[Outcome]) -> None:
+    def _place_head(
+        self,
+        walk: Walk,
+        index: int,
+        dwell: Dwell,
+        taken: Taken | None,
+        head: StreamBuffer,
+        outcomes: list[Outcome],
+    ) -> None:
         """Take a stop of the 4-DOF head. The head does not count: a beam cut in between costs
         nothing, and no step can judge it.
         """
         outcomes += [walk.finding("warning", index, words) for words in troubles(head, dwell)]
         if taken is None:
-            outcomes += self._without_reading(walk, index, dwell, "head", message("stop-without-reading.head"))
+            outcomes += self._without_reading(
+                walk, index, dwell, "head", message("stop-without-reading.head")
+            )
             walk.skip(index, dwell.signals.stop_count)
             return
-        stop = make_head_stop(walk.route, index, dwell.signals, taken, head, self._laser, self._wall_offset_ns)
+        stop = make_head_stop(
+            walk.route, index, dwell.signals, taken, head, self._laser, self._wall_offset_ns
+        )
         outcomes += [*_doubts(walk, stop), stop]
         walk.advance(stop)
 
-    def _recover(self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]) -> None:
+    def _recover(
+        self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]
+    ) -> None:
         """Look for a stop that Modbus missed in the laser's readings since the stop before; its
         level in mm separates it from others.
         """
         end = float(dwell.from_ns)
-        taken = plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules) if expected is not None else None
+        taken = (
+            plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules)
+            if expected is not None
+            else None
+        )
         if taken is None:
             outcomes += self._without_reading(walk, index, dwell, "laser", message("stop-lost"))
             return
@@ -226,8 +285,11 @@ class StopTaker:
         self._looked_until_ns = taken.to_ns
         self._commit(walk, stop, outcomes)
 
-    def _commit(self, walk: Walk, stop: CapturedStop, outcomes: list[Outcome], *, again: bool = False) -> None:
-        """Judge a stop and add it. ``again``: it was measured before the break too, at the same standstill."""
+    def _commit(
+        self, walk: Walk, stop: CapturedStop, outcomes: list[Outcome], *, again: bool = False
+    ) -> None:
+        """Judge a stop and add it. ``again``: it was measured before the break too, at the same
+        standstill."""
         broken, unwatched = self._breaks_up_to(stop.window_to_ns)
         stop = marked(stop, walk.unsure) if walk.unsure else stop
         wrong = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else None
@@ -242,7 +304,9 @@ class StopTaker:
             else:
                 stop = msgspec.structs.replace(stop, refused=wrong.code)
         elif unwatched and walk.started:
-            outcomes.append(walk.finding("warning", stop.stop, message("laser-unwatched", why=unwatched)))
+            outcomes.append(
+                walk.finding("warning", stop.stop, message("laser-unwatched", why=unwatched))
+            )
         if stop.doubts and not stop.recovered:
             outcomes += _doubts(walk, stop)
         if stop.doubts and "window-step" in stop.doubt_codes:
@@ -255,31 +319,51 @@ class StopTaker:
         """Return the reasons of certain and possible losses of the count since the last stop; empty
         without a loss.
         """
-        seen = [event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns]
+        seen = [
+            event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns
+        ]
         breaks, self._before = (*self._before, *seen), ()
         self._breaks_seen += len(seen)
-        lost, unseen = ([event.reason for event in breaks if event.watched is watched] for watched in (True, False))
+        lost, unseen = (
+            [event.reason for event in breaks if event.watched is watched]
+            for watched in (True, False)
+        )
         return lost[-1] if lost else "", unseen[-1] if unseen else ""
 
     def reaches_back(self, taken: list[Taken], dwell: Dwell) -> bool:
-        """Return whether the laser's count at the beginning of a dwell is still that of the stops before."""
-        return not any(each.watched for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns))
+        """Return whether the laser's count at the beginning of a dwell is still that of the stops
+        before."""
+        return not any(
+            each.watched for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns)
+        )
 
     def _breaks_before(self, until_ns: float) -> list[Break]:
-        return [*self._before, *(each for each in self._laser.breaks[self._breaks_seen :] if each.time_ns <= until_ns)]
+        return [
+            *self._before,
+            *(each for each in self._laser.breaks[self._breaks_seen :] if each.time_ns <= until_ns),
+        ]
 
     def left_over(self) -> tuple[Break, ...]:
-        """Return the breaks after the last stop: they count for the log that goes on with the pass."""
+        """Return the breaks after the last stop: they count for the log that goes on with the
+        pass."""
         return (*self._before, *self._laser.breaks[self._breaks_seen :])
 
 
 def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
-    return [walk.finding("warning", stop.stop, why, code) for code in stop.doubt_codes if isinstance(why := stop.why(code), Message)]
+    return [
+        walk.finding("warning", stop.stop, why, code)
+        for code in stop.doubt_codes
+        if isinstance(why := stop.why(code), Message)
+    ]
 
 
 def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
     """Return the remark of a break that costs nothing."""
-    words = message("beam-lost.bridged", why=broken) if broken else message("laser-unwatched.bridged", why=unwatched)
+    words = (
+        message("beam-lost.bridged", why=broken)
+        if broken
+        else message("laser-unwatched.bridged", why=unwatched)
+    )
     return walk.finding("info", index, words)
 
 
@@ -287,9 +371,17 @@ def _reading_mm(taken: list[Taken]) -> float | None:
     return taken[0].window.mean_mm if taken else None
 
 
-def _share_turn(walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]) -> None:
+def _share_turn(
+    walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]
+) -> None:
     """Begin a pass with the last stop of the pass before: the same reading, of the same moment."""
-    place = {"setup": walk.route.setup, "outward": walk.route.outward, "stop": 0, "axis": "", "stop_count": stop_count}
+    place = {
+        "setup": walk.route.setup,
+        "outward": walk.route.outward,
+        "stop": 0,
+        "axis": "",
+        "stop_count": stop_count,
+    }
     stop = msgspec.structs.replace(turn, **place, broken="", unwatched="", turned=True)
     outcomes.append(stop)
     walk.advance(stop)
@@ -305,18 +397,25 @@ class PositionCheck:
         self._reported_mm: defaultdict[str, float] = defaultdict(float)
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
-        """Return the finding of the commanded position at a stop; nothing where the register cannot distinguish it from the plan's."""
+        """Return the finding of the commanded position at a stop; nothing where the register cannot
+        distinguish it from the plan's."""
         if signals.commanded_mm is None:
             return []
         rows = zip("xyz", signals.commanded_mm, walk.route.planned_mm(stop), strict=True)
-        beyond = [(abs(here - plan), axis, here, plan) for axis, here, plan in rows if abs(here - plan) > self._resolution_mm(axis, plan)]
+        beyond = [
+            (abs(here - plan), axis, here, plan)
+            for axis, here, plan in rows
+            if abs(here - plan) > self._resolution_mm(axis, plan)
+        ]
         worst = max(beyond, default=None)
         if worst is None or worst[0] <= AGAIN * self._reported_mm[walk.name]:
             return []
         off_mm, axis, here, plan = worst
         self._reported_mm[walk.name] = off_mm
         off_um = (here - plan) * 1e3
-        words = message("position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um)
+        words = message(
+            "position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um
+        )
         severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"
         return [walk.finding(severity, stop, words)]
 
@@ -329,8 +428,11 @@ PLATEAU_MARGIN_NS = 40_000_000
 """Left off the end of a plateau: its last bins may hold the start of the next move."""
 
 
-def plateau_window(stream: StreamBuffer, from_ns: float, to_ns: float, expected_mm: float, rules: StopRules) -> Taken | None:
-    """Return the laser's mean over the first plateau between two times whose level is the expected one, or None."""
+def plateau_window(
+    stream: StreamBuffer, from_ns: float, to_ns: float, expected_mm: float, rules: StopRules
+) -> Taken | None:
+    """Return the laser's mean over the first plateau between two times whose level is the expected
+    one, or None."""
     span = stream.span(from_ns, to_ns)
     for plateau in find_plateaus(span.time_ns, span.position_mm, rules.min_window_s):
         if agrees(plateau.level_mm - expected_mm, 0.0):
@@ -340,7 +442,14 @@ def plateau_window(stream: StreamBuffer, from_ns: float, to_ns: float, expected_
     return None
 
 
-def make_stop(route: Route, stop: int, signals: Signals, taken: Taken, head: StreamBuffer | None, wall_offset_ns: int) -> CapturedStop:
+def make_stop(
+    route: Route,
+    stop: int,
+    signals: Signals,
+    taken: Taken,
+    head: StreamBuffer | None,
+    wall_offset_ns: int,
+) -> CapturedStop:
     """Return the stop that a window of the laser gives at a place of the route."""
     channels, u_channels = _head_means(head, taken)
     return CapturedStop(
@@ -371,7 +480,13 @@ def make_stop(route: Route, stop: int, signals: Signals, taken: Taken, head: Str
 
 
 def make_head_stop(
-    route: Route, stop: int, signals: Signals, taken: Taken, head: StreamBuffer, laser: StreamBuffer, wall_offset_ns: int
+    route: Route,
+    stop: int,
+    signals: Signals,
+    taken: Taken,
+    head: StreamBuffer,
+    laser: StreamBuffer,
+    wall_offset_ns: int,
 ) -> CapturedStop:
     """Return the stop of a window of the head; its reading is the laser's mean over the same
     window, None without a beam.
@@ -382,12 +497,17 @@ def make_head_stop(
     return msgspec.structs.replace(made, reading_mm=reading)
 
 
-def _head_means(head: StreamBuffer | None, taken: Taken) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the means of the 4-DOF head's channels over the window and their standard uncertainties; empty without a head."""
+def _head_means(
+    head: StreamBuffer | None, taken: Taken
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the means of the 4-DOF head's channels over the window and their standard
+    uncertainties; empty without a head."""
     if head is None:
         return (), ()
     span = head.span(taken.from_ns, taken.to_ns)
     if span.channels is None or len(span.channels) < MIN_SAMPLES:
         return (), ()
     columns = [summarise(span.time_ns * 1e-9, column) for column in span.channels.T]
-    return tuple(column.mean_mm for column in columns), tuple(column.u_um * 1e-3 for column in columns)
+    return tuple(column.mean_mm for column in columns), tuple(
+        column.u_um * 1e-3 for column in columns
+    )

@@ -30,7 +30,11 @@ machine refused.
 MOST_CHARACTERS = 500
 DEEPEST = 20
 """Levels of brackets and of not."""
-_TOKEN = re.compile(r"\s*(?:(?P<number>\d+(?:\.\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)|(?P<odd>\S))", re.ASCII)
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>\d+(?:\.\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)"
+    r"|(?P<odd>\S))",
+    re.ASCII,
+)
 _COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {
     "==": operator.eq,
     "!=": operator.ne,
@@ -83,7 +87,11 @@ class _Parser:
         self._tokens = [] if len(text) > MOST_CHARACTERS else _tokens(text)
         self._next = self._depth = 0
         if len(text) > MOST_CHARACTERS:
-            raise UsageError(where, expected=message("characters-most", count=MOST_CHARACTERS), found=str(len(text)))
+            raise UsageError(
+                where,
+                expected=message("characters-most", count=MOST_CHARACTERS),
+                found=str(len(text)),
+            )
 
     def whole(self) -> Expression:
         found = self._either()
@@ -106,19 +114,27 @@ class _Parser:
     def _either(self) -> Expression:
         at, left = self._here, self._both()
         while self._takes("or"):
-            left, at = _joined(self._bit(left, at), self._bit_of(self._both), decided_by=True), self._here
+            left, at = (
+                _joined(self._bit(left, at), self._bit_of(self._both), decided_by=True),
+                self._here,
+            )
         return left
 
     def _both(self) -> Expression:
         at, left = self._here, self._negated()
         while self._takes("and"):
-            left, at = _joined(self._bit(left, at), self._bit_of(self._negated), decided_by=False), self._here
+            left, at = (
+                _joined(self._bit(left, at), self._bit_of(self._negated), decided_by=False),
+                self._here,
+            )
         return left
 
     def _negated(self) -> Expression:
         if self._takes("not"):
             inner = self._deeper(lambda: self._bit_of(self._negated))
-            return Expression("bit", inner.names, lambda inputs, memory: _not(inner.value(inputs, memory)))
+            return Expression(
+                "bit", inner.names, lambda inputs, memory: _not(inner.value(inputs, memory))
+            )
         return self._compared()
 
     def _compared(self) -> Expression:
@@ -158,7 +174,11 @@ class _Parser:
         if name not in self._kinds:
             raise self._refusal(message("one-of", names=sorted(self._kinds) or ["-"]), token)
         if self._kinds[name] == "bit":
-            return Expression("bit", frozenset([name]), lambda inputs, _: None if inputs[name] is None else bool(inputs[name]))
+            return Expression(
+                "bit",
+                frozenset([name]),
+                lambda inputs, _: None if inputs[name] is None else bool(inputs[name]),
+            )
         return Expression("word", frozenset([name]), lambda inputs, _: inputs[name])
 
     def _latch(self) -> Expression:
@@ -202,7 +222,9 @@ class _Parser:
 
     def _refusal(self, expected: Words, at: _Token | None = None) -> UsageError:
         token = at or self._here
-        found = message("at-character", token=repr(token.text), place=token.at + 1, text=repr(self._text))
+        found = message(
+            "at-character", token=repr(token.text), place=token.at + 1, text=repr(self._text)
+        )
         if not token.text:
             found = message("end-of-text", text=repr(self._text))
         return UsageError(self._where, expected=expected, found=found)
@@ -232,7 +254,9 @@ def _joined(left: Expression, right: Expression, *, decided_by: bool) -> Express
     return Expression("bit", left.names | right.names, value)
 
 
-def _compared(left: Expression, right: Expression, holds: Callable[[float, float], bool]) -> Expression:
+def _compared(
+    left: Expression, right: Expression, holds: Callable[[float, float], bool]
+) -> Expression:
     def value(inputs: Inputs, memory: Memory) -> Value:
         one, other = left.value(inputs, memory), right.value(inputs, memory)
         return None if one is None or other is None else holds(one, other)

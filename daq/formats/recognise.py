@@ -27,14 +27,18 @@ QUOTED = 24
 
 
 def recognise(heard: bytes) -> str:
-    """Return the name of the format that makes readings of these bytes, such as ``lasertex``; empty where none does.
+    """Return the name of the format that makes readings of these bytes, such as ``lasertex``; empty
+    where none does.
 
-    The first bytes may be cut in the middle of a line or frame. Formats that a survey file describes (``line``, ``frames``) are not tried.
+    The first bytes may be cut in the middle of a line or frame. Formats that a survey file
+    describes (``line``, ``frames``) are not tried.
     """
     for name, decoder in _candidates():
         samples = decoder.feed(heard, 1)
         garbage = sum(notice.code == "garbage" for notice in samples.notices)
-        known = np.isfinite(samples.position_mm).any() or samples.channels is not None or name == "umd"
+        known = (
+            np.isfinite(samples.position_mm).any() or samples.channels is not None or name == "umd"
+        )
         if len(samples) >= LEAST_SAMPLES and garbage <= 1 and known:
             return name
     return ""
@@ -49,7 +53,9 @@ def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
     found = remark or message("not-one-reading", count=count)
     looks = recognise(heard)
     remedy = message("looks-like", format=looks) if looks else message("check-line")
-    return message("stream-senseless", stream=name, found=found, bytes=heard[:QUOTED].hex(" "), remedy=remedy)
+    return message(
+        "stream-senseless", stream=name, found=found, bytes=heard[:QUOTED].hex(" "), remedy=remedy
+    )
 
 
 def refused(name: Words, remark: Words) -> Message:

@@ -3,7 +3,11 @@
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.daq.formats.instruments.air import AirDecoder, AirSettings, AskedAirDecoder
-from stepdiag.daq.formats.instruments.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
+from stepdiag.daq.formats.instruments.angles import (
+    AnglesDecoder,
+    AnglesSettings,
+    AskedAnglesDecoder,
+)
 from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesDecoder, FramesSettings
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings

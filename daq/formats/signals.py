@@ -1,4 +1,5 @@
-"""Registers -> signals (contract 2): where each signal lies, the requests that read them all, and their decoding.
+"""Registers -> signals (contract 2): where each signal lies, the requests that read them all, and
+their decoding.
 
 A signal is a bit, or a number of one or two registers in any of the four byte orders in use.
 Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1),
@@ -30,10 +31,16 @@ MAX_REGISTERS = 125
 MAX_BITS = 2000
 """The most bits one request may ask for (Modbus application protocol V1.1b3, 6.1)."""
 MAX_BYTES = 200
-"""The most bytes one range holds where an address is a byte: an S7 answers 222 in its smallest PDU, a TNC 255."""
+"""The most bytes one range holds where an address is a byte: an S7 answers 222 in its smallest PDU,
+a TNC 255."""
 
 _STRUCT_CODES = {"uint16": ">H", "int16": ">h", "uint32": ">I", "int32": ">i", "float32": ">f"}
-_PLACES: dict[str, tuple[int, ...]] = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1), "BADC": (1, 0, 3, 2), "DCBA": (3, 2, 1, 0)}
+_PLACES: dict[str, tuple[int, ...]] = {
+    "ABCD": (0, 1, 2, 3),
+    "CDAB": (2, 3, 0, 1),
+    "BADC": (1, 0, 3, 2),
+    "DCBA": (3, 2, 1, 0),
+}
 
 
 class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -119,7 +126,9 @@ CONTRACT_SIGNALS: SignalMap = {
 """The contract's default block: holding registers 0 to 13, one request."""
 
 
-def plan_reads(signals: SignalMap, standing: Collection[str] = ("stopped",)) -> tuple[ReadRange, ...]:
+def plan_reads(
+    signals: SignalMap, standing: Collection[str] = ("stopped",)
+) -> tuple[ReadRange, ...]:
     """Return the fewest requests that read every signal; ``standing`` names the signals that show
     whether the machine stands.
 
@@ -151,7 +160,9 @@ def _joined(signals: SignalMap) -> list[ReadRange]:
 
 
 def _holds(asked: ReadRange, spec: SignalSpec) -> bool:
-    return asked.table == spec.table and 0 <= spec.address - asked.address <= asked.count - spec.width
+    return (
+        asked.table == spec.table and 0 <= spec.address - asked.address <= asked.count - spec.width
+    )
 
 
 def _joins(last: ReadRange, spec: SignalSpec) -> bool:
@@ -166,8 +177,11 @@ class SignalDecoder:
     Polls mostly repeat the poll before: an unchanged block gives the same object again.
     """
 
-    def __init__(self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})) -> None:
-        """``expressions`` make further signals out of the inputs, which are the members of ``signals`` that are none themselves."""
+    def __init__(
+        self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})
+    ) -> None:
+        """``expressions`` make further signals out of the inputs, which are the members of
+        ``signals`` that are none themselves."""
         self._signals = signals
         self._expressions = expressions
         self._memory = Memory()
@@ -179,30 +193,45 @@ class SignalDecoder:
     def decode(self, block: ModbusBlock) -> Signals:
         """Return the signals of one block; a signal whose range was refused (``b""``) is None.
 
-        Raises DataError when an answer has another length than was asked for, or when the block does not hold a mapped signal:
-        it was then read with another register map.
+        Raises DataError when an answer has another length than was asked for, or when the block
+        does not hold a mapped signal: it was then read with another register map.
         """
         if block.ranges is not self._ranges:
             if block.ranges != self._ranges:
-                self._places = {name: _find(name, spec, block.ranges) for name, spec in self._signals.items()}
+                self._places = {
+                    name: _find(name, spec, block.ranges) for name, spec in self._signals.items()
+                }
                 self._data = None
             self._ranges = block.ranges
         if block.data != self._data:
             _check_lengths(block)
-            values = {name: self._value(name, block.data) for name in self._signals if name in SIGNAL_NAMES}
+            values = {
+                name: self._value(name, block.data)
+                for name in self._signals
+                if name in SIGNAL_NAMES
+            }
             made = {name: self._made(name, block.data) for name in self._expressions}
             self._decoded = Signals(**values | made)  # type: ignore[arg-type]  # each is typed by its name
             self._data = block.data
         return self._decoded
 
     def unanswered(self, block: ModbusBlock) -> tuple[str, ...]:
-        """Return the signals and inputs of which a decoded block holds nothing: the machine refused them."""
-        return tuple(name for name, places in self._places.items() if not any(block.data[answer] for answer, _ in places))
+        """Return the signals and inputs of which a decoded block holds nothing: the machine refused
+        them."""
+        return tuple(
+            name
+            for name, places in self._places.items()
+            if not any(block.data[answer] for answer, _ in places)
+        )
 
     def _value(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
         """Return the value of a signal, typed as ``Signals`` declares it."""
         spec = self._signals[name]
-        numbers = [_number(spec, data[answer], place) for answer, place in self._places[name] if data[answer]]
+        numbers = [
+            _number(spec, data[answer], place)
+            for answer, place in self._places[name]
+            if data[answer]
+        ]
         if not numbers:
             return None
         if name in SWITCHED:
@@ -210,10 +239,15 @@ class SignalDecoder:
         return _typed(name, numbers[0] * spec.scale + spec.offset)
 
     def _made(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
-        """Return the value of an expression; where its inputs were asked for twice in one poll, yes has to hold both times."""
+        """Return the value of an expression; where its inputs were asked for twice in one poll, yes
+        has to hold both times."""
         expression = self._expressions[name]
-        first = expression.value({each: self._input(each, data, 0) for each in expression.names}, self._memory)
-        last = expression.value({each: self._input(each, data, -1) for each in expression.names}, self._memory)
+        first = expression.value(
+            {each: self._input(each, data, 0) for each in expression.names}, self._memory
+        )
+        last = expression.value(
+            {each: self._input(each, data, -1) for each in expression.names}, self._memory
+        )
         if name in SWITCHED:
             return None if first is None or last is None else bool(first and last)
         return None if last is None else _typed(name, float(last))
@@ -245,15 +279,22 @@ def _check_lengths(block: ModbusBlock) -> None:
             )
 
 
-def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[tuple[int, int], ...]:
+def _find(
+    name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]
+) -> tuple[tuple[int, int], ...]:
     """Return which ranges hold the signal, and its place within each."""
-    places = tuple((index, spec.address - asked.address) for index, asked in enumerate(ranges) if _holds(asked, spec))
+    places = tuple(
+        (index, spec.address - asked.address)
+        for index, asked in enumerate(ranges)
+        if _holds(asked, spec)
+    )
     if places:
         return places
     raise DataError(
         f"signal {name}",
         expected=message("block-with", place=describe(spec)),
-        found=", ".join(f"{asked.table} {asked.address}+{asked.count}" for asked in ranges) or message("none"),
+        found=", ".join(f"{asked.table} {asked.address}+{asked.count}" for asked in ranges)
+        or message("none"),
         remedy=message("other-register-map"),
     )
 

@@ -25,7 +25,8 @@ STEADY_AFTER_S = 5.0
 
 
 class Report(Protocol):
-    """Takes the state of a link, a detail for a person, and what was lost since that was last reported."""
+    """Takes the state of a link, a detail for a person, and what was lost since that was last
+    reported."""
 
     def __call__(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None: ...
 
@@ -38,8 +39,9 @@ _log = structlog.get_logger(__name__)
 class Reconnector:
     """Runs session after session of one link.
 
-    ``on_state`` is called at every change of state and every loss of bytes, in the event loop; the first failure is logged as a
-    warning, those that follow at debug level, until the link is there again.
+    ``on_state`` is called at every change of state and every loss of bytes, in the event loop; the
+    first failure is logged as a warning, those that follow at debug level, until the link is there
+    again.
     """
 
     def __init__(self, name: str, session: Session, on_state: Report) -> None:
@@ -69,7 +71,8 @@ class Reconnector:
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
     def _report(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
-        """Report a change of state, and a loss of bytes beside it: what was lost never stands for what the link has become."""
+        """Report a change of state, and a loss of bytes beside it: what was lost never stands for
+        what the link has become."""
         if state == self.state and not lost:
             return
         if state != self.state:

@@ -21,7 +21,17 @@ import msgspec
 from stepdiag.base.messages import Words, kept, of_log
 from stepdiag.daq.log.reader import impossible
 from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
-from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, is_table
+from stepdiag.daq.records.events import (
+    Chunk,
+    Event,
+    Link,
+    LinkEvent,
+    Loss,
+    ModbusBlock,
+    ReadRange,
+    Stream,
+    is_table,
+)
 from stepdiag.daq.records.status import LinkState
 
 US = 1_000
@@ -92,7 +102,8 @@ _decode_loss = msgspec.json.Decoder(_Lost).decode
 
 @dataclass(frozen=True, slots=True)
 class LogClock:
-    """Wall time of a log: the host's clock plus the offset found when it began, whatever the wall clock did afterwards."""
+    """Wall time of a log: the host's clock plus the offset found when it began, whatever the wall
+    clock did afterwards."""
 
     offset_ns: int
 
@@ -119,7 +130,8 @@ def time_of(event: Event) -> int:
 def whole_us(event: Event) -> Event:
     """Return the event with its times cut to whole microseconds, as the log keeps them.
 
-    A stamp is late by 77 us in the median (baselines.md): the nanoseconds carry nothing and would cost a byte a sample.
+    A stamp is late by 77 us in the median (baselines.md): the nanoseconds carry nothing and would
+    cost a byte a sample.
     """
     match event:
         case Chunk(stream, arrival_ns, data):
@@ -168,18 +180,43 @@ def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
             return _encode_blocks(clock, batch, first)
         case LinkEvent(time_ns, _, state):
             number, words = LINK_STATES.index(state), message_of_link(first)
-            return _encode(_LinkChange(clock.stamp(time_ns), str(time_ns), batch[0][0], number, state, str(first.words), words))
+            return _encode(
+                _LinkChange(
+                    clock.stamp(time_ns),
+                    str(time_ns),
+                    batch[0][0],
+                    number,
+                    state,
+                    str(first.words),
+                    words,
+                )
+            )
         case Loss(time_ns, events, count, reason):
-            return _encode(_Lost(clock.stamp(time_ns), str(time_ns), batch[0][0], events, count, str(reason), kept(reason)))
+            return _encode(
+                _Lost(
+                    clock.stamp(time_ns),
+                    str(time_ns),
+                    batch[0][0],
+                    events,
+                    count,
+                    str(reason),
+                    kept(reason),
+                )
+            )
 
 
 def message_of_link(event: LinkEvent) -> str:
     """Return detail and losses of a link as JSON; empty where it has neither."""
-    return msgspec.json.encode((event.detail, event.lost)).decode() if event.detail or event.lost else ""
+    return (
+        msgspec.json.encode((event.detail, event.lost)).decode()
+        if event.detail or event.lost
+        else ""
+    )
 
 
 def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
-    """Return the detail and the losses of a link. A log of before has both in one text: what was lost stands at its end."""
+    """Return the detail and the losses of a link. A log of before has both in one text: what was
+    lost stands at its end."""
     if change.message:
         return msgspec.json.decode(change.message, type=tuple[Words, tuple[Words, ...]])
     detail, found, lost = change.detail.partition("bytes lost: ")
@@ -199,7 +236,9 @@ def _encode_chunks(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
     after_us = [0, *((later - earlier) // US for earlier, later in pairwise(times))]
     skip, run = _to_runs([number for number, _ in batch])
     texts = [chunk.data.decode("latin-1") for chunk in chunks]
-    return _encode(_Bytes(clock.stamp(times[0]), str(times[0]), batch[0][0], skip, run, after_us, texts))
+    return _encode(
+        _Bytes(clock.stamp(times[0]), str(times[0]), batch[0][0], skip, run, after_us, texts)
+    )
 
 
 def _encode_blocks(clock: LogClock, batch: Sequence[Numbered], first: ModbusBlock) -> bytes:
@@ -210,7 +249,19 @@ def _encode_blocks(clock: LogClock, batch: Sequence[Numbered], first: ModbusBloc
     skip, run = _to_runs([number for number, _ in batch])
     texts = ["|".join(data.hex() for data in block.data) for block in blocks]
     ranges = "|".join(f"{asked.table} {asked.address} {asked.count}" for asked in first.ranges)
-    return _encode(_Blocks(clock.stamp(start), str(start), batch[0][0], skip, run, recv_us, answer_us, ranges, texts))
+    return _encode(
+        _Blocks(
+            clock.stamp(start),
+            str(start),
+            batch[0][0],
+            skip,
+            run,
+            recv_us,
+            answer_us,
+            ranges,
+            texts,
+        )
+    )
 
 
 def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
@@ -225,7 +276,8 @@ def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
 
 
 def decode(topic: str, data: bytes) -> list[Run]:
-    """Return the events of a message in runs; empty for a note. Raises one of `daq.log.contents.DAMAGE` on anything else."""
+    """Return the events of a message in runs; empty for a note. Raises one of
+    `daq.log.contents.DAMAGE` on anything else."""
     if topic in _STREAMS:
         raw = _decode_bytes(data)
         return list(_from_runs(raw, _chunks(_STREAMS[topic], raw)))
@@ -236,11 +288,28 @@ def decode(topic: str, data: bytes) -> list[Run]:
         change = _decode_link(data)
         state = cast("LinkState", LINK_STATES[LINK_STATES.index(change.state_text)])
         _require_clock(int(change.t_mono_ns), ())
-        return [(change.order, [LinkEvent(int(change.t_mono_ns), _LINKS[topic], state, *_of_link(change))])]
+        return [
+            (
+                change.order,
+                [LinkEvent(int(change.t_mono_ns), _LINKS[topic], state, *_of_link(change))],
+            )
+        ]
     if topic == LOSS_TOPIC:
         lost = _decode_loss(data)
         _require_clock(int(lost.t_mono_ns), ())
-        return [(lost.order, [Loss(int(lost.t_mono_ns), lost.events, lost.bytes, of_log(lost.reason, lost.message))])]
+        return [
+            (
+                lost.order,
+                [
+                    Loss(
+                        int(lost.t_mono_ns),
+                        lost.events,
+                        lost.bytes,
+                        of_log(lost.reason, lost.message),
+                    )
+                ],
+            )
+        ]
     return []
 
 
@@ -249,7 +318,10 @@ def _chunks(stream: Stream, raw: _Bytes) -> list[Event]:
     _require_few(raw.after_us)
     times = list(accumulate(raw.after_us))
     _require_clock(start, times)
-    return [Chunk(stream, start + after * US, text.encode("latin-1")) for after, text in zip(times, raw.data, strict=True)]
+    return [
+        Chunk(stream, start + after * US, text.encode("latin-1"))
+        for after, text in zip(times, raw.data, strict=True)
+    ]
 
 
 def _require_few(times: Sequence[int]) -> None:
@@ -270,7 +342,13 @@ def _blocks(polls: _Blocks) -> list[Event]:
     if polls.ranges.count("|") >= MOST_RANGES:
         raise impossible("ranges", polls.ranges.count("|") + 1)
     _require_clock(start, polls.recv_us)
-    _require_clock(start, [received - answer for received, answer in zip(polls.recv_us, polls.answer_us, strict=True)])
+    _require_clock(
+        start,
+        [
+            received - answer
+            for received, answer in zip(polls.recv_us, polls.answer_us, strict=True)
+        ],
+    )
     ranges = tuple(_range(text) for text in polls.ranges.split("|"))
     events: list[Event] = []
     before: str | None = None  # polls mostly repeat the poll before

@@ -16,8 +16,24 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES
 from stepdiag.base.messages import Words, message
 from stepdiag.daq.log.codec import MAX_TIME_NS, Run, decode
-from stepdiag.daq.log.reader import DAMAGE, BrokenRecordError, RecordReader, damage_of, impossible, stored_bytes
-from stepdiag.daq.log.writer import CLOCK, LIBRARY, LOG_VERSION, RUN, RUN_STOP, SURVEY_ATTACHMENT, LogHeader, survey_digest
+from stepdiag.daq.log.reader import (
+    DAMAGE,
+    BrokenRecordError,
+    RecordReader,
+    damage_of,
+    impossible,
+    stored_bytes,
+)
+from stepdiag.daq.log.writer import (
+    CLOCK,
+    LIBRARY,
+    LOG_VERSION,
+    RUN,
+    RUN_STOP,
+    SURVEY_ATTACHMENT,
+    LogHeader,
+    survey_digest,
+)
 from stepdiag.daq.records.events import Event
 
 MOST_RECORDS_BEFORE_SURVEY = 16
@@ -64,7 +80,8 @@ class Log:
     end: LogEnd | None = None
 
     def events(self) -> Iterator[Event]:
-        """Yield the events in the order in which they were captured, up to the first that is lost."""
+        """Yield the events in the order in which they were captured, up to the first that is
+        lost."""
         reader = RecordReader(self.path)
         walk = _Walk()
         for record in reader:
@@ -144,7 +161,9 @@ class _Walk:
 def must_be_there(path: Path) -> None:
     """Raise UsageError if nothing is at a named path."""
     if not path.exists():
-        raise UsageError(str(path), expected=message("log-or-folder"), found=message("nothing-of-name"))
+        raise UsageError(
+            str(path), expected=message("log-or-folder"), found=message("nothing-of-name")
+        )
 
 
 def open_log(path: Path) -> Log:
@@ -168,16 +187,27 @@ def open_log(path: Path) -> Log:
                 return Log(reader.path, _header(reader.path, metadata, record.data))
             case _:
                 break
-    found = message("nothing") if stored_bytes(reader.path) == 0 else reader.damage or message("other-record-order")
+    found = (
+        message("nothing")
+        if stored_bytes(reader.path) == 0
+        else reader.damage or message("other-record-order")
+    )
     if not library:
         raise DataError(str(path), expected=message("log-of-stepdiag"), found=found)
-    raise DataError(str(path), expected=message("start-of-log"), found=found, remedy=message("cut-off-before-start"))
+    raise DataError(
+        str(path),
+        expected=message("start-of-log"),
+        found=found,
+        remedy=message("cut-off-before-start"),
+    )
 
 
 def _check_library(path: Path, library: str) -> None:
     if library.split(" ", maxsplit=1)[0] != LIBRARY:
         raise DataError(
-            str(path), expected=message("log-of-stepdiag"), found=message("file-of-program", name=library or message("unnamed-program"))
+            str(path),
+            expected=message("log-of-stepdiag"),
+            found=message("file-of-program", name=library or message("unnamed-program")),
         )
 
 
@@ -195,14 +225,27 @@ def _check_version(path: Path, metadata: dict[str, dict[str, str]]) -> None:
 def _header(path: Path, metadata: dict[str, dict[str, str]], survey: bytes) -> LogHeader:
     run, clock = metadata[RUN], metadata.get(CLOCK, {})
     if len(survey) > LARGEST_SETTINGS_BYTES:
-        raise DataError(str(path), expected=message("survey-at-most", count=LARGEST_SETTINGS_BYTES), found=str(len(survey)))
+        raise DataError(
+            str(path),
+            expected=message("survey-at-most", count=LARGEST_SETTINGS_BYTES),
+            found=str(len(survey)),
+        )
     try:
         text = survey.decode("utf-8")
         offset_ns, start_ns = int(clock["wall_minus_monotonic_ns"]), int(clock["start_mono_ns"])
         if not (0 <= start_ns < MAX_TIME_NS and 0 <= start_ns + offset_ns < MAX_TIME_NS):
             raise impossible("clock", f"{start_ns} + {offset_ns} ns")
     except (UnicodeDecodeError, KeyError, ValueError) as error:
-        raise DataError(str(path), expected=message("clock-and-survey"), found=damage_of(error)) from error
+        raise DataError(
+            str(path), expected=message("clock-and-survey"), found=damage_of(error)
+        ) from error
     if survey_digest(text) != run.get("survey_sha256"):
-        raise DataError(str(path), expected=message("survey-as-recorded"), found=message("another-one"), remedy=message("damaged-at-start"))
-    return LogHeader(survey_text=text, wall_offset_ns=offset_ns, start_ns=start_ns, run=run, clock=clock)
+        raise DataError(
+            str(path),
+            expected=message("survey-as-recorded"),
+            found=message("another-one"),
+            remedy=message("damaged-at-start"),
+        )
+    return LogHeader(
+        survey_text=text, wall_offset_ns=offset_ns, start_ns=start_ns, run=run, clock=clock
+    )

@@ -1,4 +1,5 @@
-"""A log's laser, head or sensor of air at full rate: every sample decoded again from the raw bytes, with its time, in columns."""
+"""A log's laser, head or sensor of air at full rate: every sample decoded again from the raw bytes,
+with its time, in columns."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import NOT_RECORDED, StreamBuffer
 
 AT_ONCE_NS = 30_000_000_000
-"""Samples are handed out in blocks of so long a time: enough for the clock under them, little in memory."""
+"""Samples are handed out in blocks of so long a time: enough for the clock under them, little in
+memory."""
 MOST_LINES, MOST_LINES_PER_BYTE = 250_000, 8
 """Most lines of a log's stream, in all and per byte of the log. A recorder that gets 100 equal
 lines at a time packs 7 of them into a byte; a log of 46 kB was made that unpacks to 1.2 million
@@ -30,9 +32,11 @@ COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decoded:
-    """Samples in the order of their arrival; every column has shape (count,), ``channels`` (count, k) for a 4-DOF head or a sensor.
+    """Samples in the order of their arrival; every column has shape (count,), ``channels`` (count,
+    k) for a 4-DOF head or a sensor.
 
-    ``time_ns`` is nanoseconds since 1970, ``mono_ns`` the host's monotonic clock: both from the sample clock, not from the arrivals.
+    ``time_ns`` is nanoseconds since 1970, ``mono_ns`` the host's monotonic clock: both from the
+    sample clock, not from the arrivals.
     """
 
     time_ns: NDArray[np.int64]
@@ -44,14 +48,20 @@ class Decoded:
     channels: NDArray[np.float64] | None
 
     def columns(self) -> dict[str, NDArray[np.int64] | NDArray[np.float64] | NDArray[np.uint16]]:
-        """Return the columns by name; a head's channels are ``channel_1``, ``channel_2`` and so on."""
+        """Return the columns by name; a head's channels are ``channel_1``, ``channel_2`` and so
+        on."""
         found = {name: getattr(self, name) for name in COLUMNS}
         if self.channels is not None:
-            found |= {f"channel_{number}": column for number, column in enumerate(self.channels.T, start=1)}
+            found |= {
+                f"channel_{number}": column
+                for number, column in enumerate(self.channels.T, start=1)
+            }
         return found
 
 
-def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None) -> Iterator[Decoded]:
+def decoded(
+    log: Log, stream: Stream = "laser", survey_file: Path | None = None
+) -> Iterator[Decoded]:
     """Yield the samples of a stream of a log, block by block; ``survey_file`` replaces the survey
     file of the log if the log's cannot be used.
 
@@ -59,10 +69,16 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
     the stream, or with more lines than its bytes can stand for.
     """
     text, source = log.header.survey_text, f"{log.path.name}: survey.toml"
-    survey = parse_survey(text, source) if survey_file is None else parse_survey(read_text(survey_file), survey_file.name)
+    survey = (
+        parse_survey(text, source)
+        if survey_file is None
+        else parse_survey(read_text(survey_file), survey_file.name)
+    )
     made = decoders(survey)
     if stream not in made:
-        raise UsageError("--stream", expected=message("streams-of-survey", names=list(made)), found=stream)
+        raise UsageError(
+            "--stream", expected=message("streams-of-survey", names=list(made)), found=stream
+        )
     buffer, begun_ns, any_yet, lines = StreamBuffer(made[stream]), None, False, 0
     most = MOST_LINES + MOST_LINES_PER_BYTE * stored_bytes(log.path)
     for event in log.events():
@@ -70,7 +86,9 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
             case Chunk() if event.stream == stream:
                 lines += max(event.data.count(end) for end in b"\r\n")
                 if lines > most:
-                    raise DataError(log.path.name, expected=message("lines-most", count=most), found=str(lines))
+                    raise DataError(
+                        log.path.name, expected=message("lines-most", count=most), found=str(lines)
+                    )
                 buffer.feed(event.data, event.arrival_ns)
                 begun_ns = begun_ns or event.arrival_ns
                 if event.arrival_ns - begun_ns >= AT_ONCE_NS:

@@ -43,16 +43,27 @@ def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded])
 
 
 def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write columns with their types, the log's name and the stream in the file's metadata. Raises UsageError without pyarrow."""
+    """Write columns with their types, the log's name and the stream in the file's metadata. Raises
+    UsageError without pyarrow."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError as error:
-        raise UsageError("--to parquet", expected=message("pyarrow"), found=message("none"), remedy=message("install-parquet")) from error
+        raise UsageError(
+            "--to parquet",
+            expected=message("pyarrow"),
+            found=message("none"),
+            remedy=message("install-parquet"),
+        ) from error
     count, writer = 0, None
     try:
         for block in blocks:
-            table = pa.table({name: pa.array(column, from_pandas=True) for name, column in block.columns().items()})
+            table = pa.table(
+                {
+                    name: pa.array(column, from_pandas=True)
+                    for name, column in block.columns().items()
+                }
+            )
             table = table.replace_schema_metadata({"log": log.path.name, "stream": stream})
             writer = writer or parquet.ParquetWriter(path, table.schema)
             writer.write_table(table)
@@ -64,14 +75,21 @@ def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded
 
 
 def write_mcap(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write every sample as a message, and the log's own notes (stops, signals, findings, scene) beside them for a viewer."""
+    """Write every sample as a message, and the log's own notes (stops, signals, findings, scene)
+    beside them for a viewer."""
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="stepdiag")
         _copy_notes(writer, log.path)
         channel = DECODED_CHANNELS[stream]
-        number = writer.register_channel(channel.topic, "json", writer.register_schema(channel.schema_name, "jsonschema", channel.schema))
-        count = sum(_samples(writer, number, LogClock(log.header.wall_offset_ns), block) for block in blocks)
+        number = writer.register_channel(
+            channel.topic,
+            "json",
+            writer.register_schema(channel.schema_name, "jsonschema", channel.schema),
+        )
+        count = sum(
+            _samples(writer, number, LogClock(log.header.wall_offset_ns), block) for block in blocks
+        )
         writer.finish()  # type: ignore[no-untyped-call]
     return count
 
@@ -82,10 +100,17 @@ FORMATS: Mapping[str, Write] = {"csv": write_csv, "parquet": write_parquet, "mca
 def _samples(writer: Writer, channel: int, clock: LogClock, block: Decoded) -> int:
     encode = msgspec.json.Encoder().encode
     names = ("counter", "position_mm", "beam", "flags")
-    rows = zip(block.time_ns.tolist(), block.mono_ns.tolist(), *(getattr(block, name).tolist() for name in names), strict=True)
+    rows = zip(
+        block.time_ns.tolist(),
+        block.mono_ns.tolist(),
+        *(getattr(block, name).tolist() for name in names),
+        strict=True,
+    )
     channels = block.channels.tolist() if block.channels is not None else None
     for index, (time_ns, mono_ns, *values) in enumerate(rows):
-        known = {name: value for name, value in zip(names, values, strict=True) if _plain(value) != ""}
+        known = {
+            name: value for name, value in zip(names, values, strict=True) if _plain(value) != ""
+        }
         fields: dict[str, Any] = {"time": clock.stamp(mono_ns), "t_mono_ns": str(mono_ns), **known}
         if channels is not None:
             fields["channels"] = channels[index]
@@ -99,11 +124,17 @@ def _copy_notes(writer: Writer, path: Path) -> None:
     for record in RecordReader(path):
         match record:
             case Schema():
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
             case ChannelRecord() if record.topic not in RAW:
-                channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schemas[record.schema_id])
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schemas[record.schema_id]
+                )
             case Message() if record.channel_id in channels:
-                writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time)
+                writer.add_message(
+                    channels[record.channel_id], record.log_time, record.data, record.publish_time
+                )
             case _:
                 pass
 

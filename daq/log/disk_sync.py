@@ -1,6 +1,8 @@
-"""Waiting for the disk in a thread of its own: a sync takes 3 ms in the median and 140 ms at worst (baselines.md).
+"""Waiting for the disk in a thread of its own: a sync takes 3 ms in the median and 140 ms at worst
+(baselines.md).
 
-Meanwhile the recorder goes on handing bytes to the operating system, where they survive the death of the process.
+Meanwhile the recorder goes on handing bytes to the operating system, where they survive the death
+of the process.
 """
 
 import threading
@@ -21,7 +23,8 @@ class DiskSync:
         self._thread.start()
 
     def request(self, file: PartFile) -> None:
-        """Sync what was drained into ``file`` up to now, after the sync that may be under way. Raises what the one before raised."""
+        """Sync what was drained into ``file`` up to now, after the sync that may be under way.
+        Raises what the one before raised."""
         with self._changed:
             error, self._error = self._error, None
             self._file = file
@@ -59,4 +62,8 @@ class DiskSync:
         """Wait for a request; return its number and file, or None when there will be no more."""
         with self._changed:
             self._changed.wait_for(lambda: self._wanted > self._done or self._closing)
-            return (self._wanted, self._file) if self._file is not None and self._wanted > self._done else None
+            return (
+                (self._wanted, self._file)
+                if self._file is not None and self._wanted > self._done
+                else None
+            )

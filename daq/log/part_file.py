@@ -15,12 +15,14 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 class PartFile:
     """Takes bytes into memory and drains them to disk on request.
 
-    The writer above never sees the disk fail: what a full disk refuses stays here, to be drained when there is space again, so
-    that no record is torn in the middle of the file. Not safe for use from two threads.
+    The writer above never sees the disk fail: what a full disk refuses stays here, to be drained
+    when there is space again, so that no record is torn in the middle of the file. Not safe for use
+    from two threads.
     """
 
     def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
-        """Create ``path`` with the suffix; raises FileExistsError where it or ``path`` exists already."""
+        """Create ``path`` with the suffix; raises FileExistsError where it or ``path`` exists
+        already."""
         if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
         self.path = path
@@ -47,7 +49,8 @@ class PartFile:
         return len(self._waiting)
 
     def drain(self) -> None:
-        """Hand all bytes to the operating system. Raises OSError; what was not taken stays for the next call."""
+        """Hand all bytes to the operating system. Raises OSError; what was not taken stays for the
+        next call."""
         while self._waiting:
             count = os.write(self._descriptor, self._waiting)
             del self._waiting[:count]
@@ -58,7 +61,8 @@ class PartFile:
         sync_file(self._descriptor)
 
     def publish(self) -> None:
-        """Give the whole file its name. Raises FileExistsError when another has it: the part then stays.
+        """Give the whole file its name. Raises FileExistsError when another has it: the part then
+        stays.
 
         May be called again after another OSError.
         """

@@ -1,7 +1,9 @@
-"""Reading the records of a log front to back, with bounded memory, up to the first that is not whole.
+"""Reading the records of a log front to back, with bounded memory, up to the first that is not
+whole.
 
-A log may be cut off at any byte, or be a foreign file. Nothing here trusts a length: records, chunks and what they unpack to
-have limits, and whatever the reader below can raise on damaged bytes is in one list, `DAMAGE`.
+A log may be cut off at any byte, or be a foreign file. Nothing here trusts a length: records,
+chunks and what they unpack to have limits, and whatever the reader below can raise on damaged bytes
+is in one list, `DAMAGE`.
 """
 
 import struct
@@ -23,7 +25,8 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000
-"""Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the largest record is the index at the end."""
+"""Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the
+largest record is the index at the end."""
 MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
 """Most unpacked bytes of all chunks, in all and per byte read. A laser at rest for hours comes to
 400.
@@ -54,18 +57,24 @@ DAMAGE = (
     RecursionError,
     OverflowError,
 )
-"""Everything that damaged bytes make the reader raise (measured: cut at every byte, bits flipped; ValueError covers wrong numbers)."""
+"""Everything that damaged bytes make the reader raise (measured: cut at every byte, bits flipped;
+ValueError covers wrong numbers)."""
 
 
 def damage_of(error: Exception) -> Message:
     """Return what ended the reading of a log, in words."""
     if isinstance(error, EndOfFile | struct.error):
         return message("log-cut-off-here")
-    return error.words if isinstance(error, BrokenRecordError) else message("log-unreadable", what=str(error) or type(error).__name__)
+    return (
+        error.words
+        if isinstance(error, BrokenRecordError)
+        else message("log-unreadable", what=str(error) or type(error).__name__)
+    )
 
 
 class _BoundedFile:
-    """A file that refuses to read more at once than a record may have: lengths inside a record are not checked by the reader."""
+    """A file that refuses to read more at once than a record may have: lengths inside a record are
+    not checked by the reader."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -93,7 +102,10 @@ class RecordReader:
         with self._open() as file:
             try:
                 reader = StreamReader(
-                    cast("IO[bytes]", _BoundedFile(file)), emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES
+                    cast("IO[bytes]", _BoundedFile(file)),
+                    emit_chunks=True,
+                    validate_crcs=True,
+                    record_size_limit=MAX_RECORD_BYTES,
                 )
                 unpacked = 0
                 for record in reader.records:
@@ -116,7 +128,9 @@ class RecordReader:
                 self.path = self.path.with_suffix("")
             return self.path.open("rb")
         except OSError as error:
-            raise DataError(str(self.path), expected=message("log-of-stepdiag"), found=system_words(error)) from error
+            raise DataError(
+                str(self.path), expected=message("log-of-stepdiag"), found=system_words(error)
+            ) from error
 
 
 def stored_bytes(path: Path) -> int:
@@ -130,7 +144,9 @@ def stored_bytes(path: Path) -> int:
             path = path.with_suffix("")
         return path.stat().st_size
     except OSError as error:
-        raise DataError(str(path), expected=message("log-of-stepdiag"), found=system_words(error)) from error
+        raise DataError(
+            str(path), expected=message("log-of-stepdiag"), found=system_words(error)
+        ) from error
 
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:

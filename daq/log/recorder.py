@@ -33,7 +33,8 @@ SYNC_S = 1.0
 RETRY_S = 0.5
 """Wait in s after a refusal of the disk before the next try."""
 WAKE_BYTES = 262_144
-"""The thread sleeps until this much waits or a flush is due: a wake-up costs as much as the work on ten kilobytes."""
+"""The thread sleeps until this much waits or a flush is due: a wake-up costs as much as the work on
+ten kilobytes."""
 BACKLOG_BYTES = 16_000_000
 """Most bytes that wait for the disk: several seconds of the fastest instrument. Admitting begins
 again at half of this size.
@@ -92,7 +93,9 @@ class Recorder:
     ``on_change`` is called in the recorder's thread whenever its state changes.
     """
 
-    def __init__(self, on_change: Callable[[RecorderHealth], None], *, backlog_bytes: int = BACKLOG_BYTES) -> None:
+    def __init__(
+        self, on_change: Callable[[RecorderHealth], None], *, backlog_bytes: int = BACKLOG_BYTES
+    ) -> None:
         self._on_change = on_change
         self._limit = backlog_bytes
         self._items: deque[tuple[int, _Item]] = deque()
@@ -126,7 +129,8 @@ class Recorder:
         )
 
     def begin(self, path: Path, header: LogHeader) -> None:
-        """Begin the log ``path``; until `end` it is written as ``<path>.part``. An existing file of either name ends the recorder."""
+        """Begin the log ``path``; until `end` it is written as ``<path>.part``. An existing file of
+        either name ends the recorder."""
         self._lost_before_log = self._lost_events
         self._put(0, _Begin(path, header))
         self._wake.set()
@@ -138,7 +142,9 @@ class Recorder:
         event = whole_us(event)
         size = size_of(event)
         gap = self._lost_events > self._loss_noted
-        if self._state == "dead" or self._backlog + size > (self._limit // 2 if gap else self._limit):
+        if self._state == "dead" or self._backlog + size > (
+            self._limit // 2 if gap else self._limit
+        ):
             self._lost_events += 1
             self._lost_bytes += size
             return ()
@@ -150,7 +156,8 @@ class Recorder:
         return admitted
 
     def note(self, note: Note) -> None:
-        """Take a note. While the disk cannot follow, notes are dropped: a replay makes them again from the events."""
+        """Take a note. While the disk cannot follow, notes are dropped: a replay makes them again
+        from the events."""
         if self._state != "dead" and self._backlog <= self._limit:
             self._put(1000, note)
 
@@ -259,7 +266,8 @@ class Recorder:
         return True
 
     def _save(self, *, now: bool) -> bool:
-        """Flush and sync what is due; return False when the disk refused until the recorder was to end."""
+        """Flush and sync what is due; return False when the disk refused until the recorder was to
+        end."""
         log = self._log
         if log is None or not (now or time.monotonic() >= self._flush_at):
             return True

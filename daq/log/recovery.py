@@ -58,7 +58,8 @@ class Recovery:
 
 
 def log_info(path: Path) -> LogInfo:
-    """Return what is in a log, read front to back. Raises DataError for what is not a log of ours (see `daq.log.contents.open_log`)."""
+    """Return what is in a log, read front to back. Raises DataError for what is not a log of ours
+    (see `daq.log.contents.open_log`)."""
     log = open_log(path)
     stream_bytes: dict[str, int] = {}
     polls = 0
@@ -94,7 +95,8 @@ def _carries_token(survey_text: str) -> bool:
 def recovered_path(path: Path) -> Path:
     """Return where the mended copy of a log goes, beside it.
 
-    ``0001.mcap.part`` gives ``0001.mcap``, the name it would have got; ``0001.mcap`` gives ``0001.recovered.mcap``.
+    ``0001.mcap.part`` gives ``0001.mcap``, the name it would have got; ``0001.mcap`` gives
+    ``0001.recovered.mcap``.
     """
     if path.suffix == PART_SUFFIX:
         return path.with_suffix("")
@@ -117,11 +119,18 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     if end.whole:
         raise DataError(str(path), expected=message("log-cut-off"), found=message("whole-log"))
     if target.exists():
-        raise DataError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("log-not-overwritten"))
+        raise DataError(
+            str(target),
+            expected=message("new-file"),
+            found=message("one-exists"),
+            remedy=message("log-not-overwritten"),
+        )
     try:
         messages = _write(path, target, end)
     except OSError as error:
-        raise UsageError(str(target), expected=message("file-can-be-written"), found=system_words(error)) from error
+        raise UsageError(
+            str(target), expected=message("file-can-be-written"), found=system_words(error)
+        ) from error
     _check(target, end)
     return Recovery(source=path, target=target, messages=messages, end=end)
 
@@ -146,7 +155,12 @@ def _write(path: Path, target: Path, end: LogEnd) -> int:
 
 def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
     """Copy what is whole, record by record as it stands; return the number of messages."""
-    writer = Writer(cast("IO[Any]", file), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    writer = Writer(
+        cast("IO[Any]", file),
+        chunk_size=CHUNK_BYTES,
+        compression=CompressionType.ZSTD,
+        enable_data_crcs=True,
+    )
     copied = 0
     for record in _first(RecordReader(path), sum(end.messages.values())):
         copy_record(writer, record)
@@ -154,15 +168,28 @@ def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
         if file.waiting > _DRAIN_BYTES:
             file.drain()
     writer.flush()  # type: ignore[no-untyped-call]
-    stop = end.run_stop or {"exit_status": "interrupted", "reason": "the log was cut off", "events": str(end.events)}
-    writer.add_metadata(RUN_STOP, {**stop, "recovered_from": path.name, "damage": str(end.damage), "lost_bytes": str(end.lost_bytes)})
+    stop = end.run_stop or {
+        "exit_status": "interrupted",
+        "reason": "the log was cut off",
+        "events": str(end.events),
+    }
+    writer.add_metadata(
+        RUN_STOP,
+        {
+            **stop,
+            "recovered_from": path.name,
+            "damage": str(end.damage),
+            "lost_bytes": str(end.lost_bytes),
+        },
+    )
     writer.finish()  # type: ignore[no-untyped-call]
     file.drain()
     return copied
 
 
 def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
-    """Yield records up to the message with this number, which is the last that the reading of the events took."""
+    """Yield records up to the message with this number, which is the last that the reading of the
+    events took."""
     left = messages
     known: set[tuple[str, int]] = set()
     for record in records:
@@ -179,30 +206,51 @@ def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
 
 
 def copy_record(writer: Writer, record: McapRecord) -> None:
-    """Write a record again. Schemas and channels were numbered from 1 in their order, so they get the same numbers."""
+    """Write a record again. Schemas and channels were numbered from 1 in their order, so they get
+    the same numbers."""
     match record:
         case Header():
             writer.start(profile=record.profile, library=record.library)
         case Metadata() if record.name != RUN_STOP:
             writer.add_metadata(record.name, record.metadata)
         case Attachment():
-            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+            writer.add_attachment(
+                record.create_time, record.log_time, record.name, record.media_type, record.data
+            )
         case Schema():
             writer.register_schema(record.name, record.encoding, record.data)
         case Channel():
-            writer.register_channel(record.topic, record.message_encoding, record.schema_id, record.metadata)
+            writer.register_channel(
+                record.topic, record.message_encoding, record.schema_id, record.metadata
+            )
         case Message():
-            writer.add_message(record.channel_id, record.log_time, record.data, record.publish_time, record.sequence)
+            writer.add_message(
+                record.channel_id,
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )
         case _:
             pass
 
 
 def _check(target: Path, wanted: LogEnd) -> None:
-    """Open the mended log again and count: tools of others have reported success with an unreadable file (acquisition.md B2, rule 2)."""
+    """Open the mended log again and count: tools of others have reported success with an unreadable
+    file (acquisition.md B2, rule 2)."""
     log = open_log(target)
     for _event in log.events():
         pass
     found = _end_of(log.end)
-    if found.events != wanted.events or sum(found.messages.values()) != sum(wanted.messages.values()) or not found.run_stop:
+    if (
+        found.events != wanted.events
+        or sum(found.messages.values()) != sum(wanted.messages.values())
+        or not found.run_stop
+    ):
         remedy = message("keep-both-files")
-        raise DataError(str(target), expected=f"{wanted.events} events", found=f"{found.events} events", remedy=remedy)
+        raise DataError(
+            str(target),
+            expected=f"{wanted.events} events",
+            found=f"{found.events} events",
+            remedy=remedy,
+        )

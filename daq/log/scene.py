@@ -1,4 +1,5 @@
-"""The volume, the route and the stops of a pass as Foxglove's 3D panel draws them: foxglove.SceneUpdate, lengths in metres.
+"""The volume, the route and the stops of a pass as Foxglove's 3D panel draws them:
+foxglove.SceneUpdate, lengths in metres.
 
 A viewer that jumps in time sees the newest message alone: each message holds the whole scene, of a
 long pass its newest stops.
@@ -20,16 +21,23 @@ MOST_DRAWN = 250
 """Stops in one message; a longer route is drawn as the line between its ends."""
 GREY, BLUE = {"r": 0.6, "g": 0.6, "b": 0.6, "a": 1.0}, {"r": 0.05, "g": 0.36, "b": 0.55, "a": 1.0}
 GREEN, RED = {"r": 0.08, "g": 0.4, "b": 0.16, "a": 1.0}, {"r": 0.65, "g": 0.1, "b": 0.1, "a": 1.0}
-_NOWHERE = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+_NOWHERE = {
+    "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+}
 
 Point = Sequence[float]
 
 
 def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[CapturedStop]) -> Note:
-    """Return the scene as it is after the newest stop; ``route_mm`` are the planned stops of its pass, each (3,)."""
+    """Return the scene as it is after the newest stop; ``route_mm`` are the planned stops of its
+    pass, each (3,)."""
     route = route_mm if len(route_mm) <= MOST_DRAWN else (route_mm[0], route_mm[-1])
     size = STOP_SHARE * max(volume.size_mm) * 1e-3
-    lines = [_lines(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY), _lines(LINE_STRIP, route, BLUE)]
+    lines = [
+        _lines(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
+        _lines(LINE_STRIP, route, BLUE),
+    ]
     spheres = [
         {
             "pose": {**_NOWHERE, "position": _metres(stop.position_mm)},
@@ -39,14 +47,30 @@ def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[Captur
         for stop in stops[-MOST_DRAWN:]
     ]
     now = stops[-1].window_to_ns
-    entity = {"frame_id": FRAME, "id": "survey", "frame_locked": True, "lines": lines, "spheres": spheres}
+    entity = {
+        "frame_id": FRAME,
+        "id": "survey",
+        "frame_locked": True,
+        "lines": lines,
+        "spheres": spheres,
+    }
     return Note(VOLUME_TOPIC, now, {"deletions": [], "entities": [entity]})
 
 
 def _edges(volume: Volume) -> list[tuple[Point, Point]]:
-    low, high = volume.origin_mm, [start + size for start, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
-    corners = [[(low, high)[bit][axis] for axis, bit in enumerate(bits)] for bits in product((0, 1), repeat=3)]
-    return [(a, b) for a, b in product(corners, corners) if a < b and sum(one != other for one, other in zip(a, b, strict=True)) == 1]
+    low, high = (
+        volume.origin_mm,
+        [start + size for start, size in zip(volume.origin_mm, volume.size_mm, strict=True)],
+    )
+    corners = [
+        [(low, high)[bit][axis] for axis, bit in enumerate(bits)]
+        for bits in product((0, 1), repeat=3)
+    ]
+    return [
+        (a, b)
+        for a, b in product(corners, corners)
+        if a < b and sum(one != other for one, other in zip(a, b, strict=True)) == 1
+    ]
 
 
 def _lines(kind: int, points_mm: Sequence[Point], color: dict[str, float]) -> dict[str, Any]:

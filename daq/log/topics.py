@@ -29,7 +29,8 @@ NUMBERS: Schema = {"type": "array", "items": NUMBER}
 INTEGERS: Schema = {"type": "array", "items": INTEGER}
 TEXTS: Schema = {"type": "array", "items": TEXT}
 TIME: Schema = {"type": "object", "title": "time", "properties": {"sec": INTEGER, "nsec": INTEGER}}
-"""Seconds and nanoseconds of wall time: a viewer's numbers have no room for nanoseconds since 1970."""
+"""Seconds and nanoseconds of wall time: a viewer's numbers have no room for nanoseconds since
+1970."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +44,15 @@ class Channel:
     @property
     def schema(self) -> bytes:
         """Return the JSON schema of the channel's messages."""
-        return json.dumps({"title": self.schema_name, "type": "object", "properties": self.properties}).encode()
+        return json.dumps(
+            {"title": self.schema_name, "type": "object", "properties": self.properties}
+        ).encode()
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A message for a person: derived from the raw events, never read by a replay. ``time_ns`` is the host's clock."""
+    """A message for a person: derived from the raw events, never read by a replay. ``time_ns`` is
+    the host's clock."""
 
     topic: str
     time_ns: int
@@ -61,50 +65,140 @@ PHASES: tuple[str, ...] = get_args(Phase)
 _STAMP = {"time": TIME, "t_mono_ns": TEXT}
 _ORDER = {"order": INTEGER, "skip": INTEGERS, "run": INTEGERS}
 _BYTES = {**_STAMP, **_ORDER, "after_us": INTEGERS, "data": TEXTS}
-_BLOCKS = {**_STAMP, **_ORDER, "recv_us": INTEGERS, "answer_us": INTEGERS, "ranges": TEXT, "data": TEXTS}
-_LINK = {**_STAMP, "order": INTEGER, "state": INTEGER, "state_text": TEXT, "detail": TEXT, "message": TEXT}
-_LOSS = {**_STAMP, "order": INTEGER, "events": INTEGER, "bytes": INTEGER, "reason": TEXT, "message": TEXT}
+_BLOCKS = {
+    **_STAMP,
+    **_ORDER,
+    "recv_us": INTEGERS,
+    "answer_us": INTEGERS,
+    "ranges": TEXT,
+    "data": TEXTS,
+}
+_LINK = {
+    **_STAMP,
+    "order": INTEGER,
+    "state": INTEGER,
+    "state_text": TEXT,
+    "detail": TEXT,
+    "message": TEXT,
+}
+_LOSS = {
+    **_STAMP,
+    "order": INTEGER,
+    "events": INTEGER,
+    "bytes": INTEGER,
+    "reason": TEXT,
+    "message": TEXT,
+}
 _STOP = {
-    "setup": TEXT, "outward": FLAG, "stop": INTEGER, "position_mm": NUMBERS, "axis": TEXT, "stop_count": INTEGER,
-    "reading_mm": NUMBER, "u_um": NUMBER, "scatter_um": NUMBER, "slope_um_s": NUMBER, "samples": INTEGER, "rejected": INTEGER,
-    "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
-    "nominal_mm": NUMBER, "deviation_um": NUMBER,
-    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "messages": TEXT, "held": TEXTS,
-    "refused": TEXT, "recovered": FLAG, "turned": FLAG, "channels": NUMBERS, "u_channels": NUMBERS,
-    "material_temperature_c": NUMBER, "air_temperature_c": NUMBER, "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
-}  # fmt: skip
-_SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
-_PLACE = {"setup": TEXT, "pass": INTEGER, "way": TEXT, "stop": INTEGER, "last": INTEGER, "size_um": NUMBER}
-_FINDING = {**dict.fromkeys(("severity_text", "code", "key", "action", "arguments", "text"), TEXT), **_PLACE}
+    "setup": TEXT,
+    "outward": FLAG,
+    "stop": INTEGER,
+    "position_mm": NUMBERS,
+    "axis": TEXT,
+    "stop_count": INTEGER,
+    "reading_mm": NUMBER,
+    "u_um": NUMBER,
+    "scatter_um": NUMBER,
+    "slope_um_s": NUMBER,
+    "samples": INTEGER,
+    "rejected": INTEGER,
+    "window_from_mono_ns": TEXT,
+    "window_to_mono_ns": TEXT,
+    "time_s": NUMBER,
+    "nominal_mm": NUMBER,
+    "deviation_um": NUMBER,
+    "beam": NUMBER,
+    "broken": TEXT,
+    "unwatched": TEXT,
+    "doubtful": TEXT,
+    "doubt_codes": TEXTS,
+    "messages": TEXT,
+    "held": TEXTS,
+    "refused": TEXT,
+    "recovered": FLAG,
+    "turned": FLAG,
+    "channels": NUMBERS,
+    "u_channels": NUMBERS,
+    "material_temperature_c": NUMBER,
+    "air_temperature_c": NUMBER,
+    "air_pressure_hpa": NUMBER,
+    "relative_humidity_percent": NUMBER,
+}
+_SIGNALS = {
+    name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER
+    for name in SIGNAL_NAMES
+}
+_PLACE = {
+    "setup": TEXT,
+    "pass": INTEGER,
+    "way": TEXT,
+    "stop": INTEGER,
+    "last": INTEGER,
+    "size_um": NUMBER,
+}
+_FINDING = {
+    **dict.fromkeys(("severity_text", "code", "key", "action", "arguments", "text"), TEXT),
+    **_PLACE,
+}
 _POINT: Schema = {"type": "object", "properties": dict.fromkeys("xyz", NUMBER)}
 _COLOR: Schema = {"type": "object", "properties": dict.fromkeys("rgba", NUMBER)}
 _POSE: Schema = {
     "type": "object",
-    "properties": {"position": _POINT, "orientation": {"type": "object", "properties": dict.fromkeys("xyzw", NUMBER)}},
+    "properties": {
+        "position": _POINT,
+        "orientation": {"type": "object", "properties": dict.fromkeys("xyzw", NUMBER)},
+    },
 }
 _LINES: Schema = {
     "type": "object",
     "properties": {
-        "type": INTEGER, "pose": _POSE, "thickness": NUMBER, "scale_invariant": FLAG,
-        "points": {"type": "array", "items": _POINT}, "color": _COLOR, "indices": INTEGERS,
+        "type": INTEGER,
+        "pose": _POSE,
+        "thickness": NUMBER,
+        "scale_invariant": FLAG,
+        "points": {"type": "array", "items": _POINT},
+        "color": _COLOR,
+        "indices": INTEGERS,
     },
-}  # fmt: skip
+}
 _SPHERE: Schema = {"type": "object", "properties": {"pose": _POSE, "size": _POINT, "color": _COLOR}}
 _ENTITY: Schema = {
     "type": "object",
     "properties": {
-        "timestamp": TIME, "frame_id": TEXT, "id": TEXT, "frame_locked": FLAG,
-        "lines": {"type": "array", "items": _LINES}, "spheres": {"type": "array", "items": _SPHERE},
+        "timestamp": TIME,
+        "frame_id": TEXT,
+        "id": TEXT,
+        "frame_locked": FLAG,
+        "lines": {"type": "array", "items": _LINES},
+        "spheres": {"type": "array", "items": _SPHERE},
     },
-}  # fmt: skip
-_DELETION: Schema = {"type": "object", "properties": {"timestamp": TIME, "type": INTEGER, "id": TEXT}}
-_SCENE = {"deletions": {"type": "array", "items": _DELETION}, "entities": {"type": "array", "items": _ENTITY}}
+}
+_DELETION: Schema = {
+    "type": "object",
+    "properties": {"timestamp": TIME, "type": INTEGER, "id": TEXT},
+}
+_SCENE = {
+    "deletions": {"type": "array", "items": _DELETION},
+    "entities": {"type": "array", "items": _ENTITY},
+}
 """The parts in use of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
-_FOXGLOVE_LOG = {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER}
+_FOXGLOVE_LOG = {
+    "timestamp": TIME,
+    "level": INTEGER,
+    "message": TEXT,
+    "name": TEXT,
+    "file": TEXT,
+    "line": INTEGER,
+}
 
 RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw", "air": "/air/raw"}
 BLOCK_TOPIC = "/machine/raw"
-LINK_TOPICS: dict[Link, str] = {"laser": "/link/laser", "head": "/link/head", "air": "/link/air", "machine": "/link/machine"}
+LINK_TOPICS: dict[Link, str] = {
+    "laser": "/link/laser",
+    "head": "/link/head",
+    "air": "/link/air",
+    "machine": "/link/machine",
+}
 LOSS_TOPIC = "/recorder/loss"
 SAMPLE_TOPIC = "/laser/sample"
 SIGNALS_TOPIC = "/machine/state"
@@ -113,7 +207,11 @@ PHASE_TOPIC = "/sync/state"
 FINDING_TOPIC = "/sync/finding"
 LOG_TOPIC = "/log"
 VOLUME_TOPIC = "/volume"
-DECODED_TOPICS: dict[Stream, str] = {"laser": "/laser/decoded", "head": "/head/decoded", "air": "/air/decoded"}
+DECODED_TOPICS: dict[Stream, str] = {
+    "laser": "/laser/decoded",
+    "head": "/head/decoded",
+    "air": "/air/decoded",
+}
 """Every sample, in the files that ``stepdiag decode`` writes; a log itself holds the bytes."""
 
 CHANNELS: tuple[Channel, ...] = (
@@ -121,10 +219,18 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(BLOCK_TOPIC, "stepdiag.ModbusBlocks", _BLOCKS),
     *(Channel(topic, "stepdiag.Link", _LINK) for topic in LINK_TOPICS.values()),
     Channel(LOSS_TOPIC, "stepdiag.Loss", _LOSS),
-    Channel(SAMPLE_TOPIC, "stepdiag.Sample", {**_STAMP, "position_mm": NUMBER, "beam": NUMBER, "flags": INTEGER}),
+    Channel(
+        SAMPLE_TOPIC,
+        "stepdiag.Sample",
+        {**_STAMP, "position_mm": NUMBER, "beam": NUMBER, "flags": INTEGER},
+    ),
     Channel(SIGNALS_TOPIC, "stepdiag.Signals", {**_STAMP, **_SIGNALS}),
     Channel(STOP_TOPIC, "stepdiag.Stop", {**_STAMP, **_STOP}),
-    Channel(PHASE_TOPIC, "stepdiag.Phase", {**_STAMP, "state": INTEGER, "state_text": TEXT, "detail": TEXT}),
+    Channel(
+        PHASE_TOPIC,
+        "stepdiag.Phase",
+        {**_STAMP, "state": INTEGER, "state_text": TEXT, "detail": TEXT},
+    ),
     Channel(FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, **_FINDING}),
     Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
     Channel(VOLUME_TOPIC, "foxglove.SceneUpdate", _SCENE),
@@ -133,11 +239,19 @@ CHANNELS: tuple[Channel, ...] = (
 
 DECODED_CHANNELS: dict[Stream, Channel] = {
     stream: Channel(
-        topic, "stepdiag.Decoded",
-        {**_STAMP, "counter": INTEGER, "position_mm": NUMBER, "beam": NUMBER, "flags": INTEGER, "channels": NUMBERS},
+        topic,
+        "stepdiag.Decoded",
+        {
+            **_STAMP,
+            "counter": INTEGER,
+            "position_mm": NUMBER,
+            "beam": NUMBER,
+            "flags": INTEGER,
+            "channels": NUMBERS,
+        },
     )
     for stream, topic in DECODED_TOPICS.items()
-}  # fmt: skip
+}
 
 MESSAGES = ("broken", "unwatched", "doubts")
 """The fields of a stop's note that are JSON in a text, since viewers want plain types; the English
@@ -157,7 +271,9 @@ def signals_note(time_ns: int, signals: Signals) -> Note:
     return Note(SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES})
 
 
-def stop_note(stop: CapturedStop, travel_mm: float | None = None, deviation_um: float | None = None) -> Note:
+def stop_note(
+    stop: CapturedStop, travel_mm: float | None = None, deviation_um: float | None = None
+) -> Note:
     """Return a captured stop, timed by the end of its window; the recorder syncs the file on taking
     it.
 
@@ -170,7 +286,10 @@ def stop_note(stop: CapturedStop, travel_mm: float | None = None, deviation_um: 
     fields |= {"doubtful": str(stop.why()), "doubt_codes": stop.doubt_codes}
     fields["messages"] = msgspec.json.encode(messages).decode() if messages else ""
     if travel_mm is not None and deviation_um is not None:
-        fields |= {"nominal_mm": round(travel_mm - deviation_um * 1e-3, 6), "deviation_um": deviation_um}
+        fields |= {
+            "nominal_mm": round(travel_mm - deviation_um * 1e-3, 6),
+            "deviation_um": deviation_um,
+        }
     for end in ("from", "to"):
         fields[f"window_{end}_mono_ns"] = str(fields.pop(f"window_{end}_ns"))
     return Note(STOP_TOPIC, stop.window_to_ns, fields)
@@ -178,11 +297,14 @@ def stop_note(stop: CapturedStop, travel_mm: float | None = None, deviation_um: 
 
 def phase_note(time_ns: int, phase: Phase, detail: str = "") -> Note:
     """Return what the daemon is about."""
-    return Note(PHASE_TOPIC, time_ns, {"state": PHASES.index(phase), "state_text": phase, "detail": detail})
+    return Note(
+        PHASE_TOPIC, time_ns, {"state": PHASES.index(phase), "state_text": phase, "detail": detail}
+    )
 
 
 def finding_note(time_ns: int, finding: Finding) -> Note:
-    """Return a finding; its severity as number is that of `/log`, its arguments are JSON in a text, as viewers want plain types."""
+    """Return a finding; its severity as number is that of `/log`, its arguments are JSON in a text,
+    as viewers want plain types."""
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
     fields = finding.as_json()
     if "arguments" in fields:
@@ -193,5 +315,10 @@ def finding_note(time_ns: int, finding: Finding) -> Note:
 
 
 def log_note(time_ns: int, level: str, message: str, name: str) -> Note:
-    """Return a line of the program's own log for Foxglove's Log panel; ``level`` is a key of `LOG_LEVELS`."""
-    return Note(LOG_TOPIC, time_ns, {"level": LOG_LEVELS[level], "message": message, "name": name, "file": "", "line": 0})
+    """Return a line of the program's own log for Foxglove's Log panel; ``level`` is a key of
+    `LOG_LEVELS`."""
+    return Note(
+        LOG_TOPIC,
+        time_ns,
+        {"level": LOG_LEVELS[level], "message": message, "name": name, "file": "", "line": 0},
+    )

@@ -39,8 +39,9 @@ ExitStatus = Literal["complete", "aborted", "interrupted"]
 class LogHeader:
     """The first record of a log.
 
-    ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` and ``clock`` are free names and texts (run id,
-    setup, state to start from; latency timer, low-latency mode); the program adds versions and the survey's SHA-256.
+    ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` and
+    ``clock`` are free names and texts (run id, setup, state to start from; latency timer,
+    low-latency mode); the program adds versions and the survey's SHA-256.
     """
 
     survey_text: str
@@ -64,7 +65,11 @@ class LogWriter:
         self.counts: Counter[str] = Counter()
         self._clock = LogClock(header.wall_offset_ns)
         self._writer = Writer(
-            cast("IO[Any]", stream), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
+            cast("IO[Any]", stream),
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_crcs=True,
+            enable_data_crcs=True,
         )
         self._encode = msgspec.json.Encoder().encode
         self._log_time_ns = self._clock.wall_ns(header.start_ns)
@@ -78,22 +83,38 @@ class LogWriter:
     def _begin(self, header: LogHeader) -> None:
         software = version("stepdiag")
         digest = survey_digest(header.survey_text)
-        run = {"log_version": str(LOG_VERSION), "software": software, "survey_sha256": digest, **header.run}
-        clock = {"source": "CLOCK_BOOTTIME", "wall_minus_monotonic_ns": str(header.wall_offset_ns), "start_mono_ns": str(header.start_ns)}
+        run = {
+            "log_version": str(LOG_VERSION),
+            "software": software,
+            "survey_sha256": digest,
+            **header.run,
+        }
+        clock = {
+            "source": "CLOCK_BOOTTIME",
+            "wall_minus_monotonic_ns": str(header.wall_offset_ns),
+            "start_mono_ns": str(header.start_ns),
+        }
         self._writer.start(profile="", library=f"{LIBRARY} {software}")
         self._writer.add_metadata(RUN, run)
         self._writer.add_metadata(CLOCK, {**clock, **header.clock})
         self._writer.add_metadata("foxglove", {"deviceName": run.get("machine", LIBRARY)})
         now = self._log_time_ns
-        self._writer.add_attachment(now, now, SURVEY_ATTACHMENT, "text/plain", header.survey_text.encode())
+        self._writer.add_attachment(
+            now, now, SURVEY_ATTACHMENT, "text/plain", header.survey_text.encode()
+        )
         schemas: dict[str, int] = {}
         for channel in CHANNELS:
             if channel.schema_name not in schemas:
-                schemas[channel.schema_name] = self._writer.register_schema(channel.schema_name, "jsonschema", channel.schema)
-            self._channels[channel.topic] = self._writer.register_channel(channel.topic, "json", schemas[channel.schema_name])
+                schemas[channel.schema_name] = self._writer.register_schema(
+                    channel.schema_name, "jsonschema", channel.schema
+                )
+            self._channels[channel.topic] = self._writer.register_channel(
+                channel.topic, "json", schemas[channel.schema_name]
+            )
 
     def event(self, event: Event) -> None:
-        """Take the next event in the order of consumption; its times are kept in whole microseconds."""
+        """Take the next event in the order of consumption; its times are kept in whole
+        microseconds."""
         event = whole_us(event)
         topic = topic_of(event)
         batch = self._batches.setdefault(topic, [])
@@ -114,7 +135,13 @@ class LogWriter:
         if note.topic == LOG_TOPIC:
             times = {"timestamp": stamp}
         elif note.topic == VOLUME_TOPIC:
-            times, fields = {}, {**fields, "entities": [{"timestamp": stamp, **entity} for entity in fields["entities"]]}
+            times, fields = (
+                {},
+                {
+                    **fields,
+                    "entities": [{"timestamp": stamp, **entity} for entity in fields["entities"]],
+                },
+            )
         self._message(note.topic, note.time_ns, note.time_ns, self._encode({**times, **fields}))
 
     def flush(self) -> None:
@@ -128,7 +155,12 @@ class LogWriter:
         totals = {"events": self._next, **self.counts, **counters}
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._writer.add_metadata(
-            RUN_STOP, {"exit_status": status, "reason": reason, **{name: str(count) for name, count in totals.items()}}
+            RUN_STOP,
+            {
+                "exit_status": status,
+                "reason": reason,
+                **{name: str(count) for name, count in totals.items()},
+            },
         )
         self._writer.finish()  # type: ignore[no-untyped-call]
 
@@ -148,4 +180,10 @@ class LogWriter:
         sequence = self._sequences[topic]
         self._sequences[topic] += 1
         self.counts[topic] += 1
-        self._writer.add_message(self._channels[topic], self._log_time_ns, data, self._clock.wall_ns(publish_ns), sequence)
+        self._writer.add_message(
+            self._channels[topic],
+            self._log_time_ns,
+            data,
+            self._clock.wall_ns(publish_ns),
+            sequence,
+        )

@@ -1,7 +1,9 @@
-"""The mirror's tilt from the first steps of a pass, in time to realign it now rather than after the pass.
+"""The mirror's tilt from the first steps of a pass, in time to realign it now rather than after the
+pass.
 
-With the mirror normal off the diagonal by ``nu``, every step of axis a reads wrong by ``nu_a * step_a``, always the same
-(theory.md 4.2; the machine's own slopes, tens of microradians, are taken for tilt as well).
+With the mirror normal off the diagonal by ``nu``, every step of axis a reads wrong by ``nu_a *
+step_a``, always the same (theory.md 4.2; the machine's own slopes, tens of microradians, are taken
+for tilt as well).
 """
 
 import math
@@ -15,11 +17,13 @@ from stepdiag.daq.capture.place.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
 POSSIBLE_MRAD = 20.0
-"""No beam comes back into a head from a mirror that is tilted by more: such a slope is not the mirror's (CHOSEN)."""
+"""No beam comes back into a head from a mirror that is tilted by more: such a slope is not the
+mirror's (CHOSEN)."""
 
 
 def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, float] | None:
-    """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and upwards as seen along the beam.
+    """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and
+    upwards as seen along the beam.
 
     None for a run along one axis, before every axis has made a step between two good stops, and for
     a tilt above `POSSIBLE_MRAD`.
@@ -29,7 +33,11 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, floa
     sideways, upwards = _across(route)
     rows, wrong = [], []
     for before, after in pairwise(stops):
-        if after.stop != before.stop + 1 or after.refused or math.isnan(after.reading_mm - before.reading_mm):
+        if (
+            after.stop != before.stop + 1
+            or after.refused
+            or math.isnan(after.reading_mm - before.reading_mm)
+        ):
             continue
         step = np.subtract(after.position_mm, before.position_mm)
         rows.append([step @ sideways, step @ upwards])
@@ -42,15 +50,19 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, floa
     return None if np.max(np.abs(tilt)) > POSSIBLE_MRAD else (float(tilt[0]), float(tilt[1]))
 
 
-def tilt_effect_um(route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]) -> NDArray[np.float64]:
-    """Return what a tilt of the mirror does to the reading at some stops of a route, relative to its first stop, in um, shape (k,)."""
+def tilt_effect_um(
+    route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]
+) -> NDArray[np.float64]:
+    """Return what a tilt of the mirror does to the reading at some stops of a route, relative to
+    its first stop, in um, shape (k,)."""
     way = route.stops_mm[list(stops)] - route.stops_mm[0]
     effect: NDArray[np.float64] = way @ np.column_stack(_across(route)) @ np.array(tilt_mrad)
     return effect
 
 
 def _across(route: Route) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the unit vectors sideways and upwards as seen along the beam of a body diagonal; they are those of the outward way."""
+    """Return the unit vectors sideways and upwards as seen along the beam of a body diagonal; they
+    are those of the outward way."""
     along = (route.stops_mm[-1] - route.stops_mm[0]) / abs(route.nominal_mm[-1])
     along = along if route.nominal_mm[-1] > 0 else -along
     sideways = np.cross([0.0, 0.0, 1.0], along)

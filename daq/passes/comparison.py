@@ -10,14 +10,23 @@ import numpy as np
 from stepdiag.base.messages import message
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
-from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, scatter_of_steps, step_in
+from stepdiag.daq.passes.slips import (
+    Step,
+    Vector,
+    like_its_axis,
+    odd_step,
+    scatter_of_steps,
+    step_in,
+)
 
 CLEARLY = 0.5
-"""A pass is named alone where the step explains its own reading there twice as well as that of the other pass."""
+"""A pass is named alone where the step explains its own reading there twice as well as that of the
+other pass."""
 TELLS = 6.0
 """Its own steps show only a step that stands out of them: by so many robust standard deviations."""
 CONFIRMED = 0.5
-"""An odd step that comes out alike, to so much of its size, when the pass is driven again, is the machine's."""
+"""An odd step that comes out alike, to so much of its size, when the pass is driven again, is the
+machine's."""
 
 
 def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ...]]:
@@ -29,15 +38,24 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
     if not passes or passes[0].route.travel.is_fourdof:
         return against
-    readings = {index: _Readings(each, _one_sided(each)) for index, each in enumerate(passes) if each.whole}
+    readings = {
+        index: _Readings(each, _one_sided(each)) for index, each in enumerate(passes) if each.whole
+    }
     if alone and len(readings) == 1:
         ((only, own),) = readings.items()
         step = own.odd()
-        return against if step is None or _seen_before(passes[only], step) else {**against, only: (_doubt(passes[only], step, None),)}
+        return (
+            against
+            if step is None or _seen_before(passes[only], step)
+            else {**against, only: (_doubt(passes[only], step, None),)}
+        )
     blamed: list[tuple[int, Doubt]] = []
     for pair in combinations(readings, 2):
         steps = _blame(*(readings[index] for index in pair))
-        blamed += [(pair[at], _doubt(passes[pair[at]], step, passes[pair[1 - at]])) for at, step in steps.items()]
+        blamed += [
+            (pair[at], _doubt(passes[pair[at]], step, passes[pair[1 - at]]))
+            for at, step in steps.items()
+        ]
     votes = Counter(index for index, _ in blamed)
     for index, doubt in blamed:
         if votes[index] == max(votes.values()) and not against[index]:
@@ -60,7 +78,8 @@ def _seen_before(each: Pass, step: Step) -> bool:
 
 
 def _one_sided(each: Pass) -> int:
-    """Return how many of the first stops of a pass an axis stood at as on the way there: the machine turned round at its first stop.
+    """Return how many of the first stops of a pass an axis stood at as on the way there: the
+    machine turned round at its first stop.
 
     There the reversal comes in axis by axis; it is not the count's.
     """
@@ -69,9 +88,11 @@ def _one_sided(each: Pass) -> int:
 
 
 class _Readings:
-    """The readings of a whole pass in um in the order of the outward route, minus nominal, and their uncertainties.
+    """The readings of a whole pass in um in the order of the outward route, minus nominal, and
+    their uncertainties.
 
-    Of its stops those from ``low`` to ``high`` were come to with every axis in the direction of the pass.
+    Of its stops those from ``low`` to ``high`` were come to with every axis in the direction of the
+    pass.
     """
 
     def __init__(self, each: Pass, one_sided: int) -> None:
@@ -79,7 +100,9 @@ class _Readings:
         readings = np.array([stop.reading_mm for stop in chosen])
         along = 1 if each.route.outward else -1
         self.outward = each.route.outward
-        self.low, self.high = (one_sided, len(each.route)) if self.outward else (0, len(each.route) - one_sided)
+        self.low, self.high = (
+            (one_sided, len(each.route)) if self.outward else (0, len(each.route) - one_sided)
+        )
         nominal = np.array([each.route.nominal_at_mm(stop.position_mm) for stop in chosen])
         self.off_um: Vector = ((readings - nominal) * 1e3)[::along]
         self.u_um: Vector = np.array([stop.u_um for stop in chosen])[::along]
@@ -90,22 +113,33 @@ class _Readings:
         self.share: Vector = np.abs(np.diff(each.route.nominal_mm)[::along]) / travel_mm
 
     def odd(self) -> Step | None:
-        """Return the step that is unlike the others of its axis, with the index of its stop in this pass."""
-        step = odd_step(np.diff(self.off_um), np.hypot(self.u_um[1:], self.u_um[:-1]), self.axes, self.nominal_mm)
+        """Return the step that is unlike the others of its axis, with the index of its stop in this
+        pass."""
+        step = odd_step(
+            np.diff(self.off_um),
+            np.hypot(self.u_um[1:], self.u_um[:-1]),
+            self.axes,
+            self.nominal_mm,
+        )
         if step is None:
             return None
         other = None if step.instead is None else self._stop_in_pass(step.instead)
-        return replace(self.in_pass(step.stop, step.size_um if self.outward else -step.size_um, step.noise_um), instead=other)
+        return replace(
+            self.in_pass(step.stop, step.size_um if self.outward else -step.size_um, step.noise_um),
+            instead=other,
+        )
 
     def in_pass(self, place: int, size_um: float, noise_um: float) -> Step:
-        """Return a step between the outward stops ``place - 1`` and ``place`` as this pass comes upon it."""
+        """Return a step between the outward stops ``place - 1`` and ``place`` as this pass comes
+        upon it."""
         return Step(self._stop_in_pass(place), size_um, noise_um)
 
     def _stop_in_pass(self, place: int) -> int:
         return place if self.outward else len(self.off_um) - place
 
     def own_um(self, place: int) -> float:
-        """Return how far this pass's own step there is from the others of its axis, in the sense in which it drives."""
+        """Return how far this pass's own step there is from the others of its axis, in the sense in
+        which it drives."""
         off = like_its_axis(np.diff(self.off_um), self.axes, place)
         return off if self.outward else -off
 
@@ -117,16 +151,27 @@ class _Readings:
 
 
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
-    """Return the step in which two passes differ, for the first (0), for the second (1), or for both where either may be at fault."""
+    """Return the step in which two passes differ, for the first (0), for the second (1), or for
+    both where either may be at fault."""
     low, high = max(one.low, other.low), min(one.high, other.high)
     between = slice(low, high - 1)
-    step = step_in((other.off_um - one.off_um)[low:high], np.hypot(one.u_um, other.u_um)[low:high], one.axes[between], one.share[between])
+    step = step_in(
+        (other.off_um - one.off_um)[low:high],
+        np.hypot(one.u_um, other.u_um)[low:high],
+        one.axes[between],
+        one.share[between],
+    )
     if step is None:
         return {}
     step = replace(step, stop=low + step.stop)
     sizes = (_size_um(one, -step.size_um), _size_um(other, step.size_um))
-    misses = [abs(each.own_um(step.stop) - size) for each, size in zip((one, other), sizes, strict=True)]
-    steps = {index: each.in_pass(step.stop, sizes[index], step.noise_um) for index, each in enumerate((one, other))}
+    misses = [
+        abs(each.own_um(step.stop) - size) for each, size in zip((one, other), sizes, strict=True)
+    ]
+    steps = {
+        index: each.in_pass(step.stop, sizes[index], step.noise_um)
+        for index, each in enumerate((one, other))
+    }
     if abs(step.size_um) < TELLS * max(one.scatter_um(step.stop), other.scatter_um(step.stop)):
         return steps
     if misses[0] < CLEARLY * misses[1]:
@@ -142,7 +187,11 @@ def _size_um(each: _Readings, along_outward_um: float) -> float:
 
 
 def _doubt(each: Pass, step: Step, other: Pass | None) -> Doubt:
-    seen = message("unlike-its-axis") if other is None else message("against-pass", run=other.run, number=other.number)
+    seen = (
+        message("unlike-its-axis")
+        if other is None
+        else message("against-pass", run=other.run, number=other.number)
+    )
     others = message("others-scatter", noise_um=step.noise_um)
     if step.instead is not None:
         others = message("or-instead", size_um=-step.size_um, stop=step.instead)

@@ -8,7 +8,8 @@ from stepdiag.daq.passes.driven import Pass
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """A pass and what to add to its readings, in mm, so that they count from the first stop of the first pass with the same ``zero``."""
+    """A pass and what to add to its readings, in mm, so that they count from the first stop of the
+    first pass with the same ``zero``."""
 
     driven: Pass
     zero: int
@@ -24,7 +25,9 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
     """
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):
-        mine = sorted((each for each in passes if each.route.setup == setup), key=lambda each: each.number)
+        mine = sorted(
+            (each for each in passes if each.route.setup == setup), key=lambda each: each.number
+        )
         placed: list[Counted] = []
         for each in mine:
             placed.append(_beside(placed, each))
@@ -40,5 +43,7 @@ def _beside(placed: Sequence[Counted], each: Pass) -> Counted:
     for other in reversed(placed):
         for stretch, zero in other.driven.zeros().items():
             if stretch in own and not zero.doubt:
-                return Counted(each, other.zero, other.offset_mm + zero.offset_mm - own[stretch].offset_mm)
+                return Counted(
+                    each, other.zero, other.offset_mm + zero.offset_mm - own[stretch].offset_mm
+                )
     return Counted(each, max((one.zero for one in placed), default=0) + 1, 0.0)

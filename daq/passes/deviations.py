@@ -17,14 +17,16 @@ from stepdiag.daq.survey.models import Survey
 
 
 class RecentStops:
-    """The stops of the pass last driven and of the pass before it in the same setup; worked out anew only when a stop was added."""
+    """The stops of the pass last driven and of the pass before it in the same setup; worked out
+    anew only when a stop was added."""
 
     def __init__(self) -> None:
         self._known: tuple[object, int] = (None, 0)
         self._stops: tuple[StopStatus, ...] = ()
 
     def of(self, survey: Survey, book: PassBook) -> tuple[StopStatus, ...]:
-        """Return the stops of both passes in the order in which they are driven; empty before the first stop of a survey."""
+        """Return the stops of both passes in the order in which they are driven; empty before the
+        first stop of a survey."""
         driven = book.driven
         if driven is None:
             return ()
@@ -35,9 +37,21 @@ class RecentStops:
 
 
 def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...]:
-    before = next((each for each in book.of(driven.route.setup) if each.number == driven.number - 1 and each.chosen()), None)
+    before = next(
+        (
+            each
+            for each in book.of(driven.route.setup)
+            if each.number == driven.number - 1 and each.chosen()
+        ),
+        None,
+    )
     if before is None or driven.route.outward or not driven.chosen():
-        return tuple(shown for each in (before, driven) if each is not None for shown in _pass_stops(each, _own_um(survey, each)))
+        return tuple(
+            shown
+            for each in (before, driven)
+            if each is not None
+            for shown in _pass_stops(each, _own_um(survey, each))
+        )
     out = _own_um(survey, before)
     return (*_pass_stops(before, out), *_pass_stops(driven, _back_um(survey, before, driven, out)))
 
@@ -49,7 +63,12 @@ def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) ->
     counted, own = on_one_count([out, back]), _own_um(survey, back)
     end = max(out.chosen())
     begun = min(back.chosen())
-    turn_mm = _beside_mm(out, back.chosen()[begun]) + counted[1].offset_mm - _beside_mm(out, out.chosen()[end]) - counted[0].offset_mm
+    turn_mm = (
+        _beside_mm(out, back.chosen()[begun])
+        + counted[1].offset_mm
+        - _beside_mm(out, out.chosen()[end])
+        - counted[0].offset_mm
+    )
     met = end + begun == len(out.route) - 1
     joined = met and counted[0].zero == counted[1].zero
     base_um = out_um[end] + (turn_mm * 1e3 if joined else 0.0)
@@ -57,7 +76,8 @@ def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) ->
 
 
 def _own_um(survey: Survey, each: Pass) -> dict[int, float]:
-    """Return reading - nominal by stop, relative to the pass's first stop, air and tilt put right."""
+    """Return reading - nominal by stop, relative to the pass's first stop, air and tilt put
+    right."""
     chosen = each.chosen()
     stops = sorted(chosen)
     if not stops:

@@ -25,7 +25,8 @@ DRIVEN_AGAIN = frozenset(
 )
 """Messages that name what is to be driven again."""
 STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
-"""Messages that name a line of the survey file, or a value to state: driving again cures none of them."""
+"""Messages that name a line of the survey file, or a value to state: driving again cures none of
+them."""
 
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,7 +50,8 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def place(self) -> str:
-        """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass as a whole."""
+        """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1``
+        the pass as a whole."""
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
 
     @property
@@ -57,7 +59,13 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         """Return the place of the doubt; a doubt from an old file has no direction, and its words
         name it.
         """
-        return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
+        return Place(
+            setup=self.setup,
+            way=self.way,
+            pass_number=self.pass_number,
+            stop=self.stop,
+            last=self.last,
+        )
 
     @property
     def names_the_cure(self) -> bool:
@@ -67,7 +75,9 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def is_stated(self) -> bool:
         """Return whether a statement cures it, and another drive does not."""
-        return self.code == "air-unknown" or (isinstance(self.why, Message) and self.why.key in STATED)
+        return self.code == "air-unknown" or (
+            isinstance(self.why, Message) and self.why.key in STATED
+        )
 
     @property
     def line(self) -> str:
@@ -106,7 +116,8 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
-    """A person's word for the time of the first stop, in seconds since 1970: who, when by the clock, and why."""
+    """A person's word for the time of the first stop, in seconds since 1970: who, when by the
+    clock, and why."""
 
     begun_s: float
     name: str

@@ -9,14 +9,24 @@ from stepdiag.base.messages import Message, Way, Words, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
-from stepdiag.daq.passes.stretches import SAME_UM, Measured, OnZero, Slip, Stretches, Zero, Zeros, on_zero
+from stepdiag.daq.passes.stretches import (
+    SAME_UM,
+    Measured,
+    OnZero,
+    Slip,
+    Stretches,
+    Zero,
+    Zeros,
+    on_zero,
+)
 
 Chosen = dict[int, OnZero]
 
 
 @dataclass(slots=True)
 class Pass:
-    """One pass. A stop measured again replaces the earlier one where their zeros are known to be the same.
+    """One pass. A stop measured again replaces the earlier one where their zeros are known to be
+    the same.
 
     ``placed``: the machine sends its position; without it, the operator can only be asked to drive
     from a stop on while the count of the laser is unbroken. ``acceptances`` is the book's own list;
@@ -64,7 +74,8 @@ class Pass:
         return f"{self.route.setup}/{self.number}"
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
-        """Return by how much a stop reads more than it did within the same unbroken count; None where it agrees or is new."""
+        """Return by how much a stop reads more than it did within the same unbroken count; None
+        where it agrees or is new."""
         return None if stop.refused else self._stretches.differs_um(self._measured(stop, stretch))
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
@@ -74,7 +85,11 @@ class Pass:
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
             code = "window-step" if "window-step" in stop.doubt_codes else "laser-unwatched"
-            self._stretches.unwatched[stretch] = self._stretch, message("before-stop", why=stop.unwatched, stop=stop.stop), code
+            self._stretches.unwatched[stretch] = (
+                self._stretch,
+                message("before-stop", why=stop.unwatched, stop=stop.stop),
+                code,
+            )
         if slip_um is not None:
             self._stretches.slips[stretch] = Slip(stop.stop, slip_um)
         self._stretch = stretch
@@ -100,8 +115,15 @@ class Pass:
         doubt and with the most samples: the longest steady part.
         """
         if self._chosen is None:
-            self._used = {index: each for index, entries in sorted(self.measured.items()) if (each := self._best(entries)) is not None}
-            self._chosen = {index: on_zero(entry.stop, self.zeros()[entry.stretch].offset_mm) for index, entry in self._used.items()}
+            self._used = {
+                index: each
+                for index, entries in sorted(self.measured.items())
+                if (each := self._best(entries)) is not None
+            }
+            self._chosen = {
+                index: on_zero(entry.stop, self.zeros()[entry.stretch].offset_mm)
+                for index, entry in self._used.items()
+            }
         return self._chosen
 
     def uses(self, stop: CapturedStop) -> bool:
@@ -111,7 +133,9 @@ class Pass:
     def _best(self, entries: list[Measured]) -> Measured | None:
         usable = [entry for entry in entries if entry.stretch in self.zeros()]
         visit = [entry for entry in usable if entry.visit == usable[-1].visit]
-        ranked = [(not entry.stop.doubts, entry.stop.samples, order) for order, entry in enumerate(visit)]
+        ranked = [
+            (not entry.stop.doubts, entry.stop.samples, order) for order, entry in enumerate(visit)
+        ]
         return visit[max(ranked)[2]] if visit else None
 
     @property
@@ -134,29 +158,47 @@ class Pass:
 
     @property
     def complete(self) -> bool:
-        """Return whether the pass is whole, and whatever may be off in it has been accepted by a person."""
+        """Return whether the pass is whole, and whatever may be off in it has been accepted by a
+        person."""
         return self.whole and not self.open_doubts()
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return whatever may be off in the readings in use, accepted or not, in the order of the stops."""
-        of_stops = [self.doubted(stop, code, stop.why(code)) for stop in self.chosen().values() for code in stop.doubt_codes]
+        """Return whatever may be off in the readings in use, accepted or not, in the order of the
+        stops."""
+        of_stops = [
+            self.doubted(stop, code, stop.why(code))
+            for stop in self.chosen().values()
+            for code in stop.doubt_codes
+        ]
         of_zeros: dict[Words, Doubt] = {}
         for stop in self.chosen().values():
             zero = self._zero_at(stop.stop)
             if zero is not None and zero.doubt and zero.doubt not in of_zeros:
-                of_zeros[zero.doubt] = self.doubted(stop, zero.code, message("from-this-stop", why=zero.doubt), zero.size_um)
+                of_zeros[zero.doubt] = self.doubted(
+                    stop, zero.code, message("from-this-stop", why=zero.doubt), zero.size_um
+                )
         known = {(each.stop, each.code) for each in of_stops}
         of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in known]
         taken_ns = {index: stop.window_from_ns for index, stop in self.chosen().items()}
         newest_ns = max(taken_ns.values(), default=0)
-        held = [each for each in self.suspected if each.taken_ns == (newest_ns if each.stop is None else taken_ns.get(each.stop))]
+        held = [
+            each
+            for each in self.suspected
+            if each.taken_ns == (newest_ns if each.stop is None else taken_ns.get(each.stop))
+        ]
         return (*sorted(of_stops, key=lambda each: each.stop or 0), *self.against, *held)
 
     def open_doubts(self) -> tuple[Doubt, ...]:
         """Return the doubts that are not accepted."""
-        return tuple(each for each in self.doubts() if not any(word.covers(each) for word in self.acceptances))
+        return tuple(
+            each
+            for each in self.doubts()
+            if not any(word.covers(each) for word in self.acceptances)
+        )
 
-    def doubted(self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None) -> Doubt:
+    def doubted(
+        self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None
+    ) -> Doubt:
         """Return a doubt of a stop of this pass."""
         return Doubt(
             setup=self.route.setup,
@@ -179,7 +221,14 @@ class Pass:
             return ""
         stop = self.chosen()[index]
         zero = self._zero_at(index)
-        against = next((each.words for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
+        against = next(
+            (
+                each.words
+                for each in self.against
+                if each.stop in (None, index) or index >= (each.stop or 0)
+            ),
+            "",
+        )
         return stop.why() or (zero.doubt if zero is not None else "") or against
 
     @property
@@ -190,13 +239,18 @@ class Pass:
         return not self.missing and all(each.is_stated for each in self.open_doubts())
 
     def why_doubtful(self) -> Words:
-        """Return which stops may be off, why, and how to make sure; empty where none is doubted, or all was accepted."""
+        """Return which stops may be off, why, and how to make sure; empty where none is doubted, or
+        all was accepted."""
         still = self.open_doubts()
         if not still:
             return ""
         if still[0] in (*self.against, *self.suspected):
             words = still[0].words
-            return message("or-accept", why=words) if still[0].names_the_cure else message("again-or-accept", why=words)
+            return (
+                message("or-accept", why=words)
+                if still[0].names_the_cure
+                else message("again-or-accept", why=words)
+            )
         doubted = self._doubted(still)
         stops, why = _listed(doubted), self.doubt(doubted[0])
         if self.is_driven:
@@ -206,17 +260,27 @@ class Pass:
         return message("stops-off", stops=stops, why=why, stop=self.again_from())
 
     def why_incomplete(self) -> Words:
-        """Return what is missing, or doubted, and what to do about it; empty for a complete pass."""
+        """Return what is missing, or doubted, and what to do about it; empty for a complete
+        pass."""
         missing = self.missing
         if not missing:
             return self.why_doubtful()
         listed = _listed(missing)
-        again = message("again-from-or-whole", stop=self.again_from()) if self._may_go_on() else message("whole-pass-again")
+        again = (
+            message("again-from-or-whole", stop=self.again_from())
+            if self._may_go_on()
+            else message("whole-pass-again")
+        )
         if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
             return message("stops-misfit", stops=listed, misfit_um=misfit_um)
         lost = [index for index in missing if index in self.measured]
         if lost:
-            reasons = [entry.stop.broken for index in lost for entry in self.measured[index] if entry.stop.broken]
+            reasons = [
+                entry.stop.broken
+                for index in lost
+                for entry in self.measured[index]
+                if entry.stop.broken
+            ]
             why = reasons[0] if reasons else message("count-was-lost")
             return message("stops-without-start", stops=listed, why=why, again=again)
         return message("stops-missing", stops=listed, again=again)
@@ -224,22 +288,33 @@ class Pass:
     def again_from(self) -> int:
         """Return the stop from which to drive again; 0: the whole pass."""
         missing, still = self.missing, self.open_doubts()
-        if not self._may_go_on() or (not missing and (not still or still[0] in (*self.against, *self.suspected))):
+        if not self._may_go_on() or (
+            not missing and (not still or still[0] in (*self.against, *self.suspected))
+        ):
             return 0
         if missing:
-            return 0 if self._stretches.misfit_um(self.zeros()) is not None else max(missing[0] - 1, 0)
+            return (
+                0 if self._stretches.misfit_um(self.zeros()) is not None else max(missing[0] - 1, 0)
+            )
         return max(self._doubted(still)[0] - (2 if still[0].code == "reading-differs" else 1), 0)
 
     def _doubted(self, still: Sequence[Doubt]) -> list[int]:
         """Return the stops that are in use and may be off by some doubts."""
         named = {each.stop for each in still}
-        return [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubts)]
+        return [
+            index
+            for index in sorted(self.chosen())
+            if self.doubt(index) and (index in named or not self.chosen()[index].doubts)
+        ]
 
     def _may_go_on(self) -> bool:
         """Return whether the machine may go on in the middle: its position, or the laser's unbroken
         count, gives its place.
         """
-        return self.placed or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
+        return (
+            self.placed
+            or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
+        )
 
 
 def _listed(stops: Sequence[int]) -> str:

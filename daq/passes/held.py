@@ -40,7 +40,11 @@ def held_conditions(book: PassBook, stated: Iterable[str] = ()) -> tuple[Held, .
     (`capture.conditions`), taken as the half width of a rectangular distribution (GUM 4.3.7).
     """
     u = _u_by_name(sorted(_in_use(book), key=lambda stop: stop.time_s))
-    return tuple(Held(name, len(values), max(values)) for name, values in u.items() if values and name not in set(stated))
+    return tuple(
+        Held(name, len(values), max(values))
+        for name, values in u.items()
+        if values and name not in set(stated)
+    )
 
 
 def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Assumptions:
@@ -62,7 +66,9 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
     )
 
 
-def assumed_conditions(book: PassBook, survey: Survey, stated: Iterable[str] = ()) -> tuple[Held, ...]:
+def assumed_conditions(
+    book: PassBook, survey: Survey, stated: Iterable[str] = ()
+) -> tuple[Held, ...]:
     """Return the conditions of the air that the readings depend on and that no sensor measured at
     some of the stops in use.
 
@@ -72,8 +78,14 @@ def assumed_conditions(book: PassBook, survey: Survey, stated: Iterable[str] = (
     if survey.laser.compensated or survey.environment.source == "fixed":
         return ()
     wanted = [name for name in AIR if name not in set(stated)]
-    missing = {name: sum(getattr(stop, name) is None and name not in stop.held for stop in _in_use(book)) for name in wanted}
-    unsure = {name: (COURSES[name].at_once + COURSES[name].an_hour * NEVER_SEEN_S / 3600.0) / np.sqrt(3.0) for name in wanted}
+    missing = {
+        name: sum(getattr(stop, name) is None and name not in stop.held for stop in _in_use(book))
+        for name in wanted
+    }
+    unsure = {
+        name: (COURSES[name].at_once + COURSES[name].an_hour * NEVER_SEEN_S / 3600.0) / np.sqrt(3.0)
+        for name in wanted
+    }
     return tuple(Held(name, stops, float(unsure[name])) for name, stops in missing.items() if stops)
 
 
@@ -83,23 +95,29 @@ def _in_use(book: PassBook) -> Iterator[CapturedStop]:
 
 
 def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
-    """Return the standard uncertainty of every held value by condition, for stops in order of time."""
+    """Return the standard uncertainty of every held value by condition, for stops in order of
+    time."""
     found: dict[str, list[float]] = {name: [] for name in COURSES}
     seen_s: dict[str, float] = {}
     for stop in stops:
         seen_s |= dict.fromkeys(credible_of(stop), stop.time_s)
         for name in stop.held:
             age_s = stop.time_s - seen_s[name] if name in seen_s else NEVER_SEEN_S
-            found[name].append((COURSES[name].at_once + COURSES[name].an_hour * age_s / 3600.0) / np.sqrt(3.0))
+            found[name].append(
+                (COURSES[name].at_once + COURSES[name].an_hour * age_s / 3600.0) / np.sqrt(3.0)
+            )
     return found
 
 
 def _index_u(survey: Survey, u: Mapping[str, float]) -> float:
-    """Return how much less the index of the air is known, relative; 0 where the instrument puts its air right itself."""
+    """Return how much less the index of the air is known, relative; 0 where the instrument puts its
+    air right itself."""
     if survey.laser.compensated or not any(name in u for name in AIR):
         return 0.0
     usual = [np.clip(getattr(survey.environment, name), *HALL[name]) for name in AIR]
     air = Air(temperature_c=usual[0], pressure_hpa=usual[1], humidity_percent=usual[2])
     temperature, pressure, humidity = (u.get(name, 0.0) for name in AIR)
-    unsure = AirUncertainty(temperature_c=temperature, pressure_hpa=pressure, humidity_percent=humidity)
+    unsure = AirUncertainty(
+        temperature_c=temperature, pressure_hpa=pressure, humidity_percent=humidity
+    )
     return float(index_u(air, survey.laser.wavelength_nm, unsure))

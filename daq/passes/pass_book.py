@@ -1,4 +1,5 @@
-"""All passes of a survey: which pass a stop belongs to, what is wanted next, and what may be off."""
+"""All passes of a survey: which pass a stop belongs to, what is wanted next, and what may be
+off."""
 
 from collections.abc import Iterable
 
@@ -22,7 +23,8 @@ from stepdiag.daq.timing.stream import Break
 
 
 class PassBook:
-    """All passes of a survey, built from captured stops in the order in which they were captured."""
+    """All passes of a survey, built from captured stops in the order in which they were
+    captured."""
 
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
@@ -52,7 +54,8 @@ class PassBook:
 
     @property
     def last_count(self) -> int | None:
-        """Return the machine's count of the stop that was taken last; None before the first, or where the machine does not count."""
+        """Return the machine's count of the stop that was taken last; None before the first, or
+        where the machine does not count."""
         return None if self.last is None else self.last.stop_count
 
     def add_all(self, stops: Iterable[CapturedStop]) -> None:
@@ -88,7 +91,9 @@ class PassBook:
         if _believed_only(stop) and stop.reading_mm is not None:
             self._believed = (*self._believed, stop.reading_mm)
         if stop.reading_mm is not None and not stop.refused and not _believed_only(stop):
-            self._known[stop.stop if stop.outward else len(current.route) - 1 - stop.stop] = stop.reading_mm
+            self._known[stop.stop if stop.outward else len(current.route) - 1 - stop.stop] = (
+                stop.reading_mm
+            )
 
     def news(self) -> tuple[Finding, ...]:
         """Return what the book found out since it was last asked, for the journal."""
@@ -96,14 +101,25 @@ class PassBook:
         return news
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return whatever may be off in the passes of the plan and was not accepted; each keeps its pass open."""
-        return tuple(doubt for each in self.passes if each.number in self.wanted() for doubt in each.open_doubts())
+        """Return whatever may be off in the passes of the plan and was not accepted; each keeps its
+        pass open."""
+        return tuple(
+            doubt
+            for each in self.passes
+            if each.number in self.wanted()
+            for doubt in each.open_doubts()
+        )
 
     def suspect(self, doubts: Iterable[Doubt]) -> None:
-        """Take doubts from outside, such as the solver's, in place of those given before. Each holds while its measurement is in use."""
+        """Take doubts from outside, such as the solver's, in place of those given before. Each
+        holds while its measurement is in use."""
         self._suspected = tuple(doubts)
         for each in self.passes:
-            each.suspected = [doubt for doubt in self._suspected if (doubt.setup, doubt.pass_number) == (each.route.setup, each.number)]
+            each.suspected = [
+                doubt
+                for doubt in self._suspected
+                if (doubt.setup, doubt.pass_number) == (each.route.setup, each.number)
+            ]
 
     def foretell(self, suspicions: Iterable[tuple[int, tuple[Doubt, ...]]]) -> None:
         """Take the suspicions raised during the capture of the stops to be added: the number of
@@ -122,15 +138,20 @@ class PassBook:
     def accepted(self) -> tuple[tuple[Doubt, Acceptance], ...]:
         """Return the accepted doubts of the readings in use, each with its acceptance."""
         doubts = [doubt for each in self.passes for doubt in each.doubts()]
-        pairs = ((doubt, next((word for word in self._acceptances if word.covers(doubt)), None)) for doubt in doubts)
+        pairs = (
+            (doubt, next((word for word in self._acceptances if word.covers(doubt)), None))
+            for doubt in doubts
+        )
         return tuple((doubt, word) for doubt, word in pairs if word is not None)
 
     def last_stop(self, stop: CapturedStop) -> int:
-        """Return the number of the last stop of the pass that a stop belongs to: ``stop 5 of 30``."""
+        """Return the number of the last stop of the pass that a stop belongs to: ``stop 5 of
+        30``."""
         return len(route_of(self._planned, stop.setup, 1)) - 1
 
     def deviation(self, stop: CapturedStop) -> tuple[float | None, float | None]:
-        """Return what a stop reads in mm and by how much that deviates from the geometry in um, relative to the first stop of its pass.
+        """Return what a stop reads in mm and by how much that deviates from the geometry in um,
+        relative to the first stop of its pass.
 
         None where it reads nothing, or its count does not reach back to the first stop.
         """
@@ -150,37 +171,56 @@ class PassBook:
 
     def wanted(self) -> list[int]:
         """Return the numbers of the plan's passes of every setup: odd outward, even back."""
-        return list(range(1, 2 * self._survey.plan.repeats + 1, 1 if self._survey.plan.return_pass else 2))
+        return list(
+            range(1, 2 * self._survey.plan.repeats + 1, 1 if self._survey.plan.return_pass else 2)
+        )
 
     def open_passes(self, setup: str) -> list[int]:
-        """Return the numbers of the wanted passes of a setup that are not whole, or in which something is doubted."""
+        """Return the numbers of the wanted passes of a setup that are not whole, or in which
+        something is doubted."""
         done = {each.number for each in self.of(setup) if each.complete}
         return [number for number in self.wanted() if number not in done]
 
     def whole(self) -> bool:
         """Return whether every stop of the plan has a usable reading, doubted or not."""
         have = {(each.route.setup, each.number) for each in self.passes if each.whole}
-        return all((setup, number) in have for setup in self._survey.plan.all_setups for number in self.wanted())
+        return all(
+            (setup, number) in have
+            for setup in self._survey.plan.all_setups
+            for number in self.wanted()
+        )
 
     def complete(self) -> bool:
         """Return whether every pass of the plan is in, and nothing in it is doubted."""
         return not self.next_setup()
 
     def next_setup(self) -> str:
-        """Return the setup that comes next; empty when all are in. A setup begun comes before one not begun."""
+        """Return the setup that comes next; empty when all are in. A setup begun comes before one
+        not begun."""
         first = [self.preferred, self.last.setup if self.last is not None else ""]
         for setup in first:
             if setup and self.open_passes(setup):
                 return setup
-        return next((setup for setup in self._survey.plan.all_setups if self.open_passes(setup)), "")
+        return next(
+            (setup for setup in self._survey.plan.all_setups if self.open_passes(setup)), ""
+        )
 
     def start(
-        self, *, skip_open_dwell: bool, wall_offset_ns: int = 0, breaks: tuple[Break, ...] = (), beyond: bool | None = None
+        self,
+        *,
+        skip_open_dwell: bool,
+        wall_offset_ns: int = 0,
+        breaks: tuple[Break, ...] = (),
+        beyond: bool | None = None,
     ) -> CaptureStart:
         """Return the facts that a new log's capture needs."""
         following = self.next_setup()
         names = self._survey.plan.all_setups
-        ordered = [following, *(name for name in names if name != following)] if following else list(names)
+        ordered = (
+            [following, *(name for name in names if name != following)]
+            if following
+            else list(names)
+        )
         hints = {name: self._hint(name) for name in ordered}
         return CaptureStart(
             hints=hints,
@@ -199,7 +239,11 @@ class PassBook:
     def _next(self, setup: str, *, outward: bool) -> int:
         """Return the number of the pass that a stop in a direction would go into."""
         found = self._find(setup, outward=outward)
-        return found.number if found is not None and not found.complete else self._after(setup, outward=outward)
+        return (
+            found.number
+            if found is not None and not found.complete
+            else self._after(setup, outward=outward)
+        )
 
     def _standing(self, setup: str) -> PassHint:
         still_open = self.open_passes(setup)
@@ -210,32 +254,56 @@ class PassBook:
         current, known = self._find(setup, outward=last.outward), dict(self._known)
         if _believed_only(last):
             over = last.stop == self.last_stop(last)
-            return PassHint(wanted=wanted, outward=last.outward, believed=self._believed if over else ())
+            return PassHint(
+                wanted=wanted, outward=last.outward, believed=self._believed if over else ()
+            )
         if current is not None and last.stop + 1 < len(current.route):
             following = last.stop + 1
-            return PassHint(wanted=wanted, outward=last.outward, next_stop=following, last_reading_mm=last.reading_mm, known=known)
+            return PassHint(
+                wanted=wanted,
+                outward=last.outward,
+                next_stop=following,
+                last_reading_mm=last.reading_mm,
+                known=known,
+            )
         if last.outward and self._survey.plan.return_pass:
             return PassHint(wanted=wanted, outward=False, turn=last, known=known)
-        return PassHint(wanted=wanted, outward=outward, turn=None if last.outward else last, known=known)
+        return PassHint(
+            wanted=wanted, outward=outward, turn=None if last.outward else last, known=known
+        )
 
     def _compare(self, setup: str) -> None:
-        """Hold the passes of a setup against each other where both are whole; what is new is news."""
+        """Hold the passes of a setup against each other where both are whole; what is new is
+        news."""
         passes = self.of(setup)
         known = {doubt for each in passes for doubt in each.against}
         for each, doubts in compare(passes, alone=len(self.wanted()) == 1).items():
             passes[each].against = doubts
-        new = dict.fromkeys(doubt for each in passes for doubt in each.against if doubt not in known)
+        new = dict.fromkeys(
+            doubt for each in passes for doubt in each.against if doubt not in known
+        )
         self._news += [_as_finding(doubt) for doubt in new]
 
     def _current(self, stop: CapturedStop) -> Pass:
         last = self.last
-        if last is not None and (last.setup, last.outward) == (stop.setup, stop.outward) and stop.stop >= last.stop and self.driven:
+        if (
+            last is not None
+            and (last.setup, last.outward) == (stop.setup, stop.outward)
+            and stop.stop >= last.stop
+            and self.driven
+        ):
             return self.driven
         found = self._find(stop.setup, outward=stop.outward)
         if found is not None and not found.complete:
             return found
         number = self._after(stop.setup, outward=stop.outward)
-        fresh = Pass(route_of(self._planned, stop.setup, number), number, self._placed, self._acceptances, same_um=self._same_um)
+        fresh = Pass(
+            route_of(self._planned, stop.setup, number),
+            number,
+            self._placed,
+            self._acceptances,
+            same_um=self._same_um,
+        )
         self.passes.append(fresh)
         return fresh
 
@@ -246,12 +314,17 @@ class PassBook:
     def number_of(self, route: Route) -> int:
         """Return the number of the pass that a stop of this route would go into."""
         driven = self.driven
-        if driven is not None and (driven.route.setup, driven.route.outward) == (route.setup, route.outward) and not driven.complete:
+        if (
+            driven is not None
+            and (driven.route.setup, driven.route.outward) == (route.setup, route.outward)
+            and not driven.complete
+        ):
             return driven.number
         return self._next(route.setup, outward=route.outward)
 
     def _after(self, setup: str, *, outward: bool) -> int:
-        """Return the number of a new pass: odd outward, even back; without return passes 1, 3, 5."""
+        """Return the number of a new pass: odd outward, even back; without return passes 1, 3,
+        5."""
         same = sum(1 for each in self.of(setup) if each.route.outward == outward)
         return 2 * same + (1 if outward else 2)
 

@@ -1,4 +1,5 @@
-"""A step of the laser's count that no single reading shows: a slip, a frozen value, a bumped mirror.
+"""A step of the laser's count that no single reading shows: a slip, a frozen value, a bumped
+mirror.
 
 The count of an interferometer slips and goes on as if nothing had happened; a touched mirror does
 the same. Repeated passes show the step: the difference between two passes over the same stops (out
@@ -24,8 +25,9 @@ FEW = 6.0
 LEAST_UM = 1.0
 """Smaller steps are not looked for: machines do not repeat better over a whole diagonal."""
 OWN_STEPS, FEW_OF_AXIS = 4, 3.0
-"""So many other steps of an axis show its scatter; drawn machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um are named in less than 1 %
-of the pairs of passes with it (3 % with two increments and 1.5 um), in up to 60 % without."""
+"""So many other steps of an axis show its scatter; drawn machines of 500 mm to 4 m that repeat to
+0.2 to 1.5 um are named in less than 1 % of the pairs of passes with it (3 % with two increments and
+1.5 um), in up to 60 % without."""
 FLOOR_UM = 0.15
 """The least noise that is believed of a handful of differences."""
 ALONE_UM = 10.0
@@ -34,14 +36,17 @@ ALONE_STEPS = 5
 that is reported.
 """
 FEW_UM, FEW_UM_M = 50.0, 500.0
-"""Fewer steps have no scatter to be judged by: two of one axis that differ by more than this, and so much a metre of step, are no axis."""
+"""Fewer steps have no scatter to be judged by: two of one axis that differ by more than this, and
+so much a metre of step, are no axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step on the way to the stop with this index, in um, and the robust noise of the other steps.
+    """A step on the way to the stop with this index, in um, and the robust noise of the other
+    steps.
 
-    ``instead`` is the stop on the way to which it may have been as well, with the opposite sign; None where there is none.
+    ``instead`` is the stop on the way to which it may have been as well, with the opposite sign;
+    None where there is none.
     """
 
     stop: int
@@ -67,7 +72,8 @@ def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector)
 
 
 def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) -> float:
-    """Return how large a step may be by the others of its axis: so many robust standard deviations; of few, by those of all axes."""
+    """Return how large a step may be by the others of its axis: so many robust standard deviations;
+    of few, by those of all axes."""
     others = np.arange(len(off_um)) != at
     own = others & (np.array(axes) == axes[at])
     used = own if np.count_nonzero(own) >= OWN_STEPS else others
@@ -75,7 +81,9 @@ def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) 
     return TIMES_NOISE * (1.0 + FEW_OF_AXIS / np.count_nonzero(used)) * scatter_um
 
 
-def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Vector) -> Step | None:
+def odd_step(
+    steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Vector
+) -> Step | None:
     """Return the single step of a pass that is unlike the others of its axis, or None.
 
     ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` their axes and ``nominal_mm``
@@ -86,10 +94,17 @@ def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Ve
     found = []
     for axis in dict.fromkeys(axes):
         own = np.array([index for index, each in enumerate(axes) if each == axis])
-        if len(own) >= ALONE_STEPS and (step := _outlier(steps_um[own], u_um[own], ALONE_UM)) is not None:
+        if (
+            len(own) >= ALONE_STEPS
+            and (step := _outlier(steps_um[own], u_um[own], ALONE_UM)) is not None
+        ):
             found.append(Step(int(own[step.stop - 1]) + 1, step.size_um, step.noise_um))
         elif 1 < len(own) < ALONE_STEPS:
-            found += _unlike(own, steps_um[own], FEW_UM + FEW_UM_M * 1e-3 * float(np.max(np.abs(nominal_mm[own]))))
+            found += _unlike(
+                own,
+                steps_um[own],
+                FEW_UM + FEW_UM_M * 1e-3 * float(np.max(np.abs(nominal_mm[own]))),
+            )
     return max(found, key=lambda step: abs(step.size_um), default=None)
 
 
@@ -97,16 +112,30 @@ def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[S
     """Return the step furthest from the other few steps of an axis, if further than the least; else
     nothing.
     """
-    off = np.array([step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)])
+    off = np.array(
+        [step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)]
+    )
     worst = len(off) - 1 - int(np.argmax(np.abs(off[::-1])))
     if abs(off[worst]) <= least_um:
         return []
-    return [Step(int(own[worst]) + 1, float(off[worst]), least_um, int(own[0]) + 1 if len(own) == 2 else None)]
+    return [
+        Step(
+            int(own[worst]) + 1,
+            float(off[worst]),
+            least_um,
+            int(own[0]) + 1 if len(own) == 2 else None,
+        )
+    ]
 
 
 def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return by how much the step to a stop differs from the median of the other steps of its axis, in um; NaN where there is no other."""
-    others = [steps_um[index] for index, axis in enumerate(axes) if axis == axes[stop - 1] and index != stop - 1]
+    """Return by how much the step to a stop differs from the median of the other steps of its axis,
+    in um; NaN where there is no other."""
+    others = [
+        steps_um[index]
+        for index, axis in enumerate(axes)
+        if axis == axes[stop - 1] and index != stop - 1
+    ]
     return float(steps_um[stop - 1] - np.median(others)) if others else float("nan")
 
 
@@ -116,13 +145,22 @@ def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
     """
     off: list[float] = []
     for axis in dict.fromkeys(axes):
-        own = np.array([steps_um[index] for index, each in enumerate(axes) if each == axis and index != stop - 1])
+        own = np.array(
+            [
+                steps_um[index]
+                for index, each in enumerate(axes)
+                if each == axis and index != stop - 1
+            ]
+        )
         off += (own - np.median(own)).tolist() if len(own) > 1 else []
     return MAD_TO_SIGMA * float(np.median(np.abs(off))) if off else float("inf")
 
 
-def _outlier(steps_um: Vector, u_um: Vector, least_um: float, usual_um: Vector | None = None) -> Step | None:
-    """Return the step furthest from the others, where it is further than the least and than its own ``usual_um``."""
+def _outlier(
+    steps_um: Vector, u_um: Vector, least_um: float, usual_um: Vector | None = None
+) -> Step | None:
+    """Return the step furthest from the others, where it is further than the least and than its own
+    ``usual_um``."""
     if len(steps_um) < 3:
         return None
     off = steps_um - np.median(steps_um)
@@ -131,4 +169,8 @@ def _outlier(steps_um: Vector, u_um: Vector, least_um: float, usual_um: Vector |
     others = np.delete(np.abs(off), worst)
     noise = max(MAD_TO_SIGMA * float(np.median(others)), float(np.median(u_um)), FLOOR_UM)
     enough = TIMES_NOISE * (1.0 + FEW / len(steps_um)) * noise
-    return Step(worst + 1, float(off[worst]), noise) if abs(off[worst]) > max(least_um, enough, usual[worst]) else None
+    return (
+        Step(worst + 1, float(off[worst]), noise)
+        if abs(off[worst]) > max(least_um, enough, usual[worst])
+        else None
+    )

@@ -40,7 +40,8 @@ class OnZero(CapturedStop, frozen=True, kw_only=True):
 
 
 def on_zero(stop: CapturedStop, offset_mm: float) -> OnZero:
-    """Return a stop with its reading on the zero of its pass: the count plus the offset of its stretch in mm."""
+    """Return a stop with its reading on the zero of its pass: the count plus the offset of its
+    stretch in mm."""
     values = {name: getattr(stop, name) for name in stop.__struct_fields__}
     counted_mm = math.nan if stop.reading_mm is None else stop.reading_mm
     return OnZero(**{**values, "reading_mm": counted_mm + offset_mm})
@@ -56,7 +57,8 @@ class Measured:
     stretch: int
     visit: int = 0
     nominal_mm: float = 0.0
-    """The nominal reading where the machine stood: positions of two visits differ by what encoders scatter and programs round."""
+    """The nominal reading where the machine stood: positions of two visits differ by what encoders
+    scatter and programs round."""
 
     @property
     def beside_mm(self) -> float:
@@ -98,7 +100,8 @@ class Stretches:
     """Largest difference in um of a stop measured twice."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
     unwatched: dict[int, tuple[int, Words, str]] = field(default_factory=dict)
-    """Of a stretch before which the count may have been lost: the stretch before it, why, and the finding's code."""
+    """Of a stretch before which the count may have been lost: the stretch before it, why, and the
+    finding's code."""
     slips: dict[int, Slip] = field(default_factory=dict)
     """The stop and the size of the slip with which a stretch began."""
 
@@ -106,11 +109,20 @@ class Stretches:
         """Return the increase of a stop's reading over the same stretch; None if the stretch did
         not measure it, or agrees.
         """
-        same = [entry for entry in self.measured.get(now.stop.stop, ()) if entry.stretch == now.stretch and _of_one_count(entry.stop)]
+        same = [
+            entry
+            for entry in self.measured.get(now.stop.stop, ())
+            if entry.stretch == now.stretch and _of_one_count(entry.stop)
+        ]
         if not same or now.stop.reading_mm is None or same[-1].stop.reading_mm is None:
             return None
         off_um = (now.beside_mm - same[-1].beside_mm) * 1e3
-        return off_um if abs(off_um) > self.same_um + SURE * float(np.hypot(now.stop.u_um, same[-1].stop.u_um)) else None
+        return (
+            off_um
+            if abs(off_um)
+            > self.same_um + SURE * float(np.hypot(now.stop.u_um, same[-1].stop.u_um))
+            else None
+        )
 
     def zeros(self, stops: int) -> Zeros:
         """Return the zero of every stretch that has one, of a pass with so many stops.
@@ -120,18 +132,29 @@ class Stretches:
         stops. A stretch after an unwatched time is taken to have kept its count, and doubted,
         unless a common stop gives its offset. A stretch that cannot be joined is absent.
         """
-        bases = dict.fromkeys(entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries)
+        bases = dict.fromkeys(
+            entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries
+        )
         found = [self._from(base) for base in bases]
         whole = [zeros for zeros in found if len(self._used(zeros)) == stops]
-        fewest = min((sum(bool(zero.doubt) for zero in self._used(zeros)) for zeros in whole), default=0)
-        best = [zeros for zeros in whole if sum(bool(zero.doubt) for zero in self._used(zeros)) == fewest]
+        fewest = min(
+            (sum(bool(zero.doubt) for zero in self._used(zeros)) for zeros in whole), default=0
+        )
+        best = [
+            zeros
+            for zeros in whole
+            if sum(bool(zero.doubt) for zero in self._used(zeros)) == fewest
+        ]
         if not best:
             return found[0] if found else {}
         return best[0] if fewest else best[-1]
 
     def _used(self, zeros: Zeros) -> list[Zero]:
         """Return the zero of the latest usable measurement of every stop with a zero."""
-        latest = [next((entry for entry in reversed(entries) if entry.stretch in zeros), None) for entries in self.measured.values()]
+        latest = [
+            next((entry for entry in reversed(entries) if entry.stretch in zeros), None)
+            for entries in self.measured.values()
+        ]
         return [zeros[entry.stretch] for entry in latest if entry is not None]
 
     def _from(self, base: int) -> Zeros:
@@ -144,7 +167,12 @@ class Stretches:
         """Join a further stretch to the stretches with a known zero; return whether there was
         one.
         """
-        others = dict.fromkeys(entry.stretch for entries in self.measured.values() for entry in entries if entry.stretch not in zeros)
+        others = dict.fromkeys(
+            entry.stretch
+            for entries in self.measured.values()
+            for entry in entries
+            if entry.stretch not in zeros
+        )
         for stretch in others:
             shifts = list(self._shifts(stretch, zeros))
             sure = [each for each in shifts if not each[1].doubt] or shifts
@@ -154,13 +182,22 @@ class Stretches:
         return False
 
     def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
-        """Yield of every stop measured in a stretch and in a known one: the shift in mm, the known zero, and the shift's uncertainty."""
+        """Yield of every stop measured in a stretch and in a known one: the shift in mm, the known
+        zero, and the shift's uncertainty."""
         for entries in self.measured.values():
-            last = {entry.stretch: entry for entry in entries if entry.stop.reading_mm is not None and _of_one_count(entry.stop)}
+            last = {
+                entry.stretch: entry
+                for entry in entries
+                if entry.stop.reading_mm is not None and _of_one_count(entry.stop)
+            }
             for known in [each for each in last if each in zeros] if stretch in last else ():
                 here, there = last[stretch], last[known]
                 shift_mm = zeros[known].offset_mm + there.beside_mm - here.beside_mm
-                yield shift_mm, _doubted(zeros[known], there.stop, here.stop), float(np.hypot(here.stop.u_um, there.stop.u_um))
+                yield (
+                    shift_mm,
+                    _doubted(zeros[known], there.stop, here.stop),
+                    float(np.hypot(here.stop.u_um, there.stop.u_um)),
+                )
 
     def _agree(self, shifts: list[tuple[float, Zero, float]]) -> bool:
         """Return whether all stops measured in two stretches agree on the shift between them; else
@@ -181,7 +218,12 @@ class Stretches:
         or the known stretch.
         """
         return self.slips.get(stretch) or next(
-            (slip for later, slip in self.slips.items() if stretch == later - 1 and not known.doubt), None
+            (
+                slip
+                for later, slip in self.slips.items()
+                if stretch == later - 1 and not known.doubt
+            ),
+            None,
         )
 
     def _presume(self, zeros: Zeros) -> bool:
@@ -191,14 +233,23 @@ class Stretches:
         for stretch, (before, why, code) in self.unwatched.items():
             if stretch not in zeros and before in zeros:
                 known = zeros[before]
-                zeros[stretch] = Zero(known.offset_mm, known.doubt or why, known.code or code, known.size_um)
+                zeros[stretch] = Zero(
+                    known.offset_mm, known.doubt or why, known.code or code, known.size_um
+                )
                 return True
         return False
 
     def misfit_um(self, zeros: Zeros) -> float | None:
-        """Return by how much stops measured twice disagree on the shift, where that keeps stretches apart; None where nothing does."""
-        apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(zeros)
-        spreads = [_spread_um(shifts) for stretch in apart if len(shifts := list(self._shifts(stretch, zeros))) > 1]
+        """Return by how much stops measured twice disagree on the shift, where that keeps stretches
+        apart; None where nothing does."""
+        apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(
+            zeros
+        )
+        spreads = [
+            _spread_um(shifts)
+            for stretch in apart
+            if len(shifts := list(self._shifts(stretch, zeros))) > 1
+        ]
         return max(spreads, default=None)
 
 

@@ -17,15 +17,19 @@ stay dated."""
 
 
 def span_s(book: PassBook) -> tuple[float, float]:
-    """Return when the first and the last stop in use were captured, in seconds since 1970. Raises ValueError for a book without stops."""
+    """Return when the first and the last stop in use were captured, in seconds since 1970. Raises
+    ValueError for a book without stops."""
     times = [stop.time_s for each in book.passes for stop in each.chosen().values()]
     begun_s = min(times) if book.time_stated is None else book.time_stated.begun_s
     return begun_s, begun_s + max(times) - min(times)
 
 
 def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Finding]:
-    """Yield that the clock was never set, as a warning until the time is stated; ``now_s`` is the clock of a survey without a stop."""
-    times = [stop.time_s for each in book.passes for stop in each.chosen().values()] or ([] if now_s is None else [now_s])
+    """Yield that the clock was never set, as a warning until the time is stated; ``now_s`` is the
+    clock of a survey without a stop."""
+    times = [stop.time_s for each in book.passes for stop in each.chosen().values()] or (
+        [] if now_s is None else [now_s]
+    )
     if not times or min(times) >= BUILT.timestamp():
         return
     stated = book.time_stated
@@ -34,4 +38,9 @@ def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Findi
         yield finding("warning", message("clock-unset", day=str(day)))
         return
     moment = datetime.fromtimestamp(stated.begun_s, UTC).isoformat(timespec="minutes")
-    yield finding("info", message("clock-unset.stated", day=str(day), time=moment, name=stated.name, reason=stated.reason))
+    yield finding(
+        "info",
+        message(
+            "clock-unset.stated", day=str(day), time=moment, name=stated.name, reason=stated.reason
+        ),
+    )

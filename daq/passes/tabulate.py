@@ -1,4 +1,5 @@
-"""From passes to the solver's table of readings: on one zero while the count is unbroken, air and material put right, once."""
+"""From passes to the solver's table of readings: on one zero while the count is unbroken, air and
+material put right, once."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +19,9 @@ from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Environment, Survey
 
 
-def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None) -> Readings:
+def tabulate(
+    survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None
+) -> Readings:
     """Return the readings of whole laser passes, rows in the order of passes and stops.
 
     Readings are relative to the first stop of the setup while the laser's count is unbroken:
@@ -28,20 +31,31 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
     survey file, that replace the recorded values.
     """
     stated = dict(environment or {})
-    survey = msgspec.structs.replace(survey, environment=msgspec.structs.replace(survey.environment, **stated))
+    survey = msgspec.structs.replace(
+        survey, environment=msgspec.structs.replace(survey.environment, **stated)
+    )
     used = [each for each in passes if each.whole and not each.route.travel.is_fourdof]
     counted = on_one_count(used)
-    first = {(one.driven.route.setup, one.zero): one for one in sorted(counted, key=lambda one: -one.driven.number)}
-    tables = [_rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted]
+    first = {
+        (one.driven.route.setup, one.zero): one
+        for one in sorted(counted, key=lambda one: -one.driven.number)
+    }
+    tables = [
+        _rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted
+    ]
     begin = min((stop.time_s for each in used for stop in each.chosen().values()), default=0.0)
     return make_readings(
         setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
         pass_number=[each.number for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
         stop=[stop for rows in tables for stop in range(len(rows[0]))],
-        position_mm=np.vstack([[stop.position_mm for stop in rows[1]] for rows in tables]) if used else np.zeros((0, 3)),
+        position_mm=np.vstack([[stop.position_mm for stop in rows[1]] for rows in tables])
+        if used
+        else np.zeros((0, 3)),
         reading_mm=np.concatenate([rows[0] for rows in tables]) if used else np.zeros(0),
         u_um=[stop.u_um for rows in tables for stop in rows[1]],
-        temperature_c=[_known_material_c(survey.environment, stop) for rows in tables for stop in rows[1]],
+        temperature_c=[
+            _known_material_c(survey.environment, stop) for rows in tables for stop in rows[1]
+        ],
         time_s=[stop.time_s - begin for rows in tables for stop in rows[1]],
         beam_mm=np.vstack([_beam(survey, each) for each in used]) if used else None,
         zero=[one.zero for one, rows in zip(counted, tables, strict=True) for _ in rows[0]],
@@ -50,26 +64,38 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
     )
 
 
-def _rows(survey: Survey, one: Counted, first: Counted, stated: dict[str, float]) -> tuple[Vector, list[OnZero]]:
-    """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its count, and the stops they come from.
+def _rows(
+    survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
+) -> tuple[Vector, list[OnZero]]:
+    """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its
+    count, and the stops they come from.
 
     The stops have the conditions that were ``stated`` afterwards.
     """
     chosen = one.driven.chosen()
-    stops = [msgspec.structs.replace(chosen[index], **stated) for index in range(len(one.driven.route))]
+    stops = [
+        msgspec.structs.replace(chosen[index], **stated) for index in range(len(one.driven.route))
+    ]
     counts = np.array([stop.reading_mm for stop in stops]) + one.offset_mm
     origin = msgspec.structs.replace(first.driven.chosen()[0], **stated)
     readings = counts - (origin.reading_mm + first.offset_mm)
     if not survey.laser.compensated:
-        readings = in_this_air(survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings]))[1:]
+        readings = in_this_air(
+            survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings])
+        )[1:]
     if survey.machine.apply_expansion:
         readings = _at_20_c(survey, one.driven, origin, stops, readings)
     return readings, stops
 
 
-def in_this_air(survey: Survey, first: Pass, stops: Sequence[CapturedStop], readings: Vector) -> Vector:
+def in_this_air(
+    survey: Survey, first: Pass, stops: Sequence[CapturedStop], readings: Vector
+) -> Vector:
     """Return true displacements since the first of the stops, where the dead path begins."""
-    values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR}
+    values = {
+        name: np.array([_environment(survey.environment, stop, name) for stop in stops])
+        for name in AIR
+    }
     air = Air(
         temperature_c=values["air_temperature_c"],
         pressure_hpa=values["air_pressure_hpa"],
@@ -78,10 +104,18 @@ def in_this_air(survey: Survey, first: Pass, stops: Sequence[CapturedStop], read
     index = refractive_index(air, survey.laser.wavelength_nm)
     start_mm = 0.0 if first.route.outward else float(-first.route.nominal_mm[-1])
     dead_path = survey.laser.dead_path_mm + start_mm
-    return displacement_mm(readings, index, zero_index=float(index[0]), dead_path_mm=dead_path, done=Done(0))
+    return displacement_mm(
+        readings, index, zero_index=float(index[0]), dead_path_mm=dead_path, done=Done(0)
+    )
 
 
-def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: Sequence[CapturedStop], readings: Vector) -> Vector:
+def _at_20_c(
+    survey: Survey,
+    each: Pass,
+    origin: CapturedStop,
+    stops: Sequence[CapturedStop],
+    readings: Vector,
+) -> Vector:
     way = np.array(each.route.travel.signs) * np.array(survey.volume.size_mm)
     along = way / np.linalg.norm(way)
     temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])
@@ -91,7 +125,8 @@ def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: Sequence[C
 
 
 def _beam(survey: Survey, each: Pass) -> Vector:
-    """Return a point of the beam line for every stop, shape (k, 3): shifted setups only, NaN elsewhere."""
+    """Return a point of the beam line for every stop, shape (k, 3): shifted setups only, NaN
+    elsewhere."""
     setup, count = each.route.travel, len(each.route)
     if not setup.shift:
         return np.full((count, 3), np.nan)

@@ -55,7 +55,9 @@ def _suspect(each: Pass, found: Finding) -> Doubt | None:
     )
 
 
-def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mapping[str, float]) -> tuple[Finding, ...]:
+def settled_findings(
+    book: PassBook, solved: Iterable[Finding], *, stated: Mapping[str, float]
+) -> tuple[Finding, ...]:
     """Return the findings of the result: open doubts as errors, accepted doubts as warnings with
     their acceptance, without duplicates.
 
@@ -64,7 +66,11 @@ def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mappi
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
     doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
     named = {(each.code, setup) for each in (*doubts, *accepted) for setup in (each.setup, "")}
-    others = [each for each in solved if not (each.severity == "error" and (each.code, each.setup) in named)]
+    others = [
+        each
+        for each in solved
+        if not (each.severity == "error" and (each.code, each.setup) in named)
+    ]
     return tuple(dict.fromkeys((*doubts, *accepted, *_held(book, stated), *others)))
 
 
@@ -77,7 +83,13 @@ def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
 
 def _arguments(why: object) -> Iterator[object]:
     """Yield all arguments of a message and of the messages within it."""
-    for part in why.arguments.values() if isinstance(why, Message) else why if isinstance(why, tuple) else ():
+    for part in (
+        why.arguments.values()
+        if isinstance(why, Message)
+        else why
+        if isinstance(why, tuple)
+        else ()
+    ):
         yield part
         yield from _arguments(part)
 
@@ -89,7 +101,11 @@ def _as_finding(doubt: Doubt) -> Finding:
 def _accepted(doubt: Doubt, word: Acceptance) -> Finding:
     moment = datetime.fromtimestamp(word.time_s, UTC).isoformat(timespec="seconds")
     what = message("doubted-at", place=doubt.place, what=doubt.words)
-    return _finding("warning", doubt, message("doubt-accepted", what=what, name=word.name, time=moment, reason=word.reason))
+    return _finding(
+        "warning",
+        doubt,
+        message("doubt-accepted", what=what, name=word.name, time=moment, reason=word.reason),
+    )
 
 
 def _finding(severity: Severity, doubt: Doubt, what: Message) -> Finding:
@@ -98,16 +114,36 @@ def _finding(severity: Severity, doubt: Doubt, what: Message) -> Finding:
 
 
 def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield which conditions are not those of a sensor, at how many stops, and how sure is what counts in their place."""
+    """Yield which conditions are not those of a sensor, at how many stops, and how sure is what
+    counts in their place."""
     stops = sum(len(each.chosen()) for each in book.passes)
     for held in held_conditions(book, stated):
         u = message("with-unit", value=held.u, unit=COURSES[held.name].unit)
-        yield finding("warning", message("conditions-held", name=CONDITIONS[held.name], stops=held.stops, count=stops, u=u))
+        yield finding(
+            "warning",
+            message(
+                "conditions-held", name=CONDITIONS[held.name], stops=held.stops, count=stops, u=u
+            ),
+        )
 
 
 def assumed_findings(survey: Survey, stops: int, unmeasured: Iterable[Held]) -> Iterator[Finding]:
-    """Yield which conditions of the air no sensor measured, at how many of the ``stops``, what counts in their place and how sure."""
+    """Yield which conditions of the air no sensor measured, at how many of the ``stops``, what
+    counts in their place and how sure."""
     for one in unmeasured:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)
-        stated, u = message("value", value=value, unit=unit), message("with-unit", value=one.u, unit=unit)
-        yield finding("warning", message("air-unknown.result", name=CONDITIONS[one.name], stops=one.stops, count=stops, stated=stated, u=u))
+        stated, u = (
+            message("value", value=value, unit=unit),
+            message("with-unit", value=one.u, unit=unit),
+        )
+        yield finding(
+            "warning",
+            message(
+                "air-unknown.result",
+                name=CONDITIONS[one.name],
+                stops=one.stops,
+                count=stops,
+                stated=stated,
+                u=u,
+            ),
+        )

@@ -1,4 +1,5 @@
-"""Keeping a survey's folder within a budget: finished rounds are packed tighter, the oldest first. Nothing is ever removed.
+"""Keeping a survey's folder within a budget: finished rounds are packed tighter, the oldest first.
+Nothing is ever removed.
 
 A log is written in small chunks, so that a kill loses little; packed, its records are the same in
 chunks of a megabyte at zstd's level 19, which takes four tenths off (a pack of whole files, already
@@ -95,7 +96,12 @@ def pack(log: Path) -> int:
         file.close()
     if digest(part) != wanted:
         part.unlink()
-        raise DataError(str(log), expected=message("same-records"), found=message("other-records"), remedy=message("report-log-unchanged"))
+        raise DataError(
+            str(log),
+            expected=message("same-records"),
+            found=message("other-records"),
+            remedy=message("report-log-unchanged"),
+        )
     after = part.stat().st_size
     os.utime(part, ns=(before.st_atime_ns, before.st_mtime_ns))
     part.replace(log)
@@ -133,7 +139,12 @@ def _content(record: McapRecord) -> tuple[object, ...]:
 
 
 def _copy(log: Path, file: PartFile) -> None:
-    writer = Writer(cast("IO[Any]", file), chunk_size=PACKED_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    writer = Writer(
+        cast("IO[Any]", file),
+        chunk_size=PACKED_CHUNK_BYTES,
+        compression=CompressionType.ZSTD,
+        enable_data_crcs=True,
+    )
     known: set[tuple[str, int]] = set()
     stop: dict[str, str] = {}
     for record in RecordReader(log):

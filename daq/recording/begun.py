@@ -30,7 +30,9 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True):
 
 def ask_to_begin(folder: Path, setup: str, name: str) -> None:
     """Leave the word, on disk when this returns. Raises UsageError where it cannot be written."""
-    append_line(folder / BEGUN, msgspec.json.encode(Begun(setup=setup, name=name, time_s=time.time())))
+    append_line(
+        folder / BEGUN, msgspec.json.encode(Begun(setup=setup, name=name, time_s=time.time()))
+    )
 
 
 class BegunWords:

@@ -66,7 +66,8 @@ WAYS = (
 
 
 class Correction(msgspec.Struct, frozen=True, kw_only=True):
-    """One correction: when (seconds since 1970), by whom, which lines (``laser.sign: 1 -> -1``), and the file that counts from then on."""
+    """One correction: when (seconds since 1970), by whom, which lines (``laser.sign: 1 -> -1``),
+    and the file that counts from then on."""
 
     time_s: float
     name: str
@@ -96,14 +97,21 @@ class Change(msgspec.Struct, frozen=True):
     @property
     def reads_otherwise(self) -> bool:
         """Return whether the logs are to be read anew."""
-        return self._renames or (_within(self.line, READING) and not any(part in WAYS for part in self.line.split(".")[1:2]))
+        return self._renames or (
+            _within(self.line, READING)
+            and not any(part in WAYS for part in self.line.split(".")[1:2])
+        )
 
     @property
     def _renames(self) -> bool:
-        """Return whether the same setups stand in another order: the logs are of each other's setup."""
+        """Return whether the same setups stand in another order: the logs are of each other's
+        setup."""
         if self.line != "plan.setups":
             return False
-        before, after = (sorted(msgspec.json.decode(value, type=list[str])) for value in (self.before, self.after))
+        before, after = (
+            sorted(msgspec.json.decode(value, type=list[str]))
+            for value in (self.before, self.after)
+        )
         return before == after
 
 
@@ -137,7 +145,8 @@ def note_correction(folder: Path, correction: Correction) -> None:
 
 
 def text_of(folder: Path, logs: Sequence[Path]) -> str:
-    """Return the survey file that counts for a round: of the last correction, else of its last log; empty where there is no log."""
+    """Return the survey file that counts for a round: of the last correction, else of its last log;
+    empty where there is no log."""
     corrected = corrections_in(folder)
     if corrected:
         return corrected[-1].survey_text
@@ -175,7 +184,9 @@ def must_reread(logs: Sequence[Path], text: str) -> bool:
 
 
 def replay_corrected(
-    logs: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
+    logs: Sequence[Path],
+    survey_file: Path | None = None,
+    suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> Replayed:
     """Return the contents of a round's logs by the valid survey file: as recorded, or read by a
     corrected file.
@@ -186,13 +197,22 @@ def replay_corrected(
     headers = [open_log(log).header for log in logs]
     alike = all(header.survey_text == headers[0].survey_text for header in headers)
     foreign = [compared(header.survey_text, text) for header in headers]
-    if not any(foreign) or any(each is None or any(change.begins_round for change in each) for each in foreign):
+    if not any(foreign) or any(
+        each is None or any(change.begins_round for change in each) for each in foreign
+    ):
         return replay(logs, survey_file, suspicions)  # which refuses logs of two surveys
     if alike and not must_reread(logs, text):
-        return replace(replay(logs, survey_file, suspicions), survey=parse_survey(text, "survey.toml"), survey_text=text)
+        return replace(
+            replay(logs, survey_file, suspicions),
+            survey=parse_survey(text, "survey.toml"),
+            survey_text=text,
+        )
     source = survey_file.name if survey_file is not None else f"{logs[0].name}: survey.toml"
     session, found = reread(logs, text, source, suspicions)
-    replayed = tuple(ReplayedLog(log, tuple(outcome for path, outcome in found if path == log), _end_of(log)) for log in logs)
+    replayed = tuple(
+        ReplayedLog(log, tuple(outcome for path, outcome in found if path == log), _end_of(log))
+        for log in logs
+    )
     return Replayed(
         session.survey,
         text,
@@ -213,7 +233,10 @@ def _end_of(path: Path) -> LogEnd | None:
 
 
 def reread(
-    logs: Sequence[Path], text: str, source: str, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
+    logs: Sequence[Path],
+    text: str,
+    source: str,
+    suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> tuple[Session, list[tuple[Path, Outcome]]]:
     """Return the session after reading the events of a round's logs by a survey file, and the
     outcomes of each log.
@@ -225,12 +248,20 @@ def reread(
     found: list[tuple[Path, Outcome]] = []
     at, offset_ns = logs[0], open_log(logs[0]).header.wall_offset_ns
     session = Session(
-        survey, text, Round(logs[0].parent, {}), Nowhere(), on_outcome=lambda outcome: found.append((at, outcome)),
+        survey,
+        text,
+        Round(logs[0].parent, {}),
+        Nowhere(),
+        on_outcome=lambda outcome: found.append((at, outcome)),
         wall_offset_ns=lambda: offset_ns,
-    )  # fmt: skip
+    )
     session.book.foretell(suspicions)
     recorded = parse_survey(open_log(logs[0]).header.survey_text, source).plan.all_setups
-    renamed = dict(zip(recorded, survey.plan.all_setups, strict=True)) if sorted(recorded) == sorted(survey.plan.all_setups) else {}
+    renamed = (
+        dict(zip(recorded, survey.plan.all_setups, strict=True))
+        if sorted(recorded) == sorted(survey.plan.all_setups)
+        else {}
+    )
     newest: dict[str, int] = {}
     for at in logs:
         log = open_log(at)

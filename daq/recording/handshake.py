@@ -16,7 +16,8 @@ MOST_TIMES = 3
 
 
 class Handshake:
-    """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell gets the answer again, or is named.
+    """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell gets the
+    answer again, or is named.
 
     ``tell`` takes a stop count; ``owed`` is the count of the last stop in the logs, in case a
     daemon died before writing to the machine. ``alarm`` states in words that the machine waits in
@@ -51,13 +52,17 @@ class Handshake:
         text = message("handshake-waits.refused", why=refused)
         return finding("error", text)
 
-    def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]) -> Finding | None:
+    def look(
+        self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]
+    ) -> Finding | None:
         """Look at a poll; write an unread answer again, and return the finding of a machine that
         waits in vain.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None
         if count != self._waits_at:
-            self._worked = self._worked or (self._waits_at is not None and self._waits_at == self._written)
+            self._worked = self._worked or (
+                self._waits_at is not None and self._waits_at == self._written
+            )
             self._waits_at, self._since_ns, self._written_times, self.alarm = count, now_ns, 0, ""
         if count is None:
             return None
@@ -86,13 +91,31 @@ class Handshake:
         return now_ns - self._since_ns > self._patience_ns
 
     def _in_words(self, count: int, now_ns: int, waits_for: Words) -> Message:
-        waited_s, written = (now_ns - self._since_ns) * 1e-9, message("nothing") if self._written is None else str(self._written)
+        waited_s, written = (
+            (now_ns - self._since_ns) * 1e-9,
+            message("nothing") if self._written is None else str(self._written),
+        )
         if self._refused:
-            return message("handshake-waits.not-taken", waited_s=waited_s, count=count, written=written, why=self._refused)
+            return message(
+                "handshake-waits.not-taken",
+                waited_s=waited_s,
+                count=count,
+                written=written,
+                why=self._refused,
+            )
         if count == self._written:
-            return message("handshake-waits.elsewhere", waited_s=waited_s, count=count, written=written)
-        return message("handshake-waits", waited_s=waited_s, count=count, written=written, why=waits_for)
+            return message(
+                "handshake-waits.elsewhere", waited_s=waited_s, count=count, written=written
+            )
+        return message(
+            "handshake-waits", waited_s=waited_s, count=count, written=written, why=waits_for
+        )
 
 
 def _waits(signals: Signals) -> bool:
-    return bool(signals.stopped) and signals.stop_count is not None and signals.running is not False and signals.setup != 0
+    return (
+        bool(signals.stopped)
+        and signals.stop_count is not None
+        and signals.running is not False
+        and signals.setup != 0
+    )

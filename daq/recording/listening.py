@@ -1,4 +1,5 @@
-"""Listening to the lines between two logs: an instrument that sends and is not understood is named before anybody drives a pass."""
+"""Listening to the lines between two logs: an instrument that sends and is not understood is named
+before anybody drives a pass."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -59,7 +60,9 @@ class _Ear:
         again and again.
         """
         before = (self.before or self.reported) and not self.understood
-        return _Ear(decoder, before=before, spent_ns=0 if before or self.understood else self.spent_ns)
+        return _Ear(
+            decoder, before=before, spent_ns=0 if before or self.understood else self.spent_ns
+        )
 
     def _looked_at(self, chunk: Chunk) -> bytes:
         """Return the bytes examined after the report of senseless bytes: the beginning of every
@@ -92,7 +95,9 @@ class Listening:
     def take_link(self, event: LinkEvent) -> None:
         """Take a change of a link: a line that comes back may lead to another instrument."""
         if event.link != "machine" and event.interrupts:
-            self._ears[event.link] = self._ears[event.link].after_loss(decoders(self._survey)[event.link])
+            self._ears[event.link] = self._ears[event.link].after_loss(
+                decoders(self._survey)[event.link]
+            )
 
     def take(self, chunk: Chunk) -> Iterator[Finding]:
         """Take a chunk; yield, once, that no byte of the line is usable."""
@@ -111,6 +116,12 @@ def _ears(survey: Survey) -> dict[Stream, _Ear]:
 
 def _unusable(stream: Stream, ear: _Ear) -> Finding:
     if ear.samples and "garbage" not in ear.remarks:
-        return finding("warning", refused(STREAMS[stream], ear.remarks.get("device", "")), code="instrument-reports")
+        return finding(
+            "warning",
+            refused(STREAMS[stream], ear.remarks.get("device", "")),
+            code="instrument-reports",
+        )
     remark = ear.remarks.get("garbage") or ear.remarks.get("device") or ""
-    return finding("warning", senseless(STREAMS[stream], ear.heard, ear.count, remark), code="bytes-garbled")
+    return finding(
+        "warning", senseless(STREAMS[stream], ear.heard, ear.count, remark), code="bytes-garbled"
+    )

@@ -33,7 +33,14 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.log.reader import DAMAGE, RecordReader, damage_of, impossible
 from stepdiag.daq.log.recovery import recover
 from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
-from stepdiag.daq.recording.corrections import Correction, compared, must_reread, note_correction, reread, text_of
+from stepdiag.daq.recording.corrections import (
+    Correction,
+    compared,
+    must_reread,
+    note_correction,
+    reread,
+    text_of,
+)
 from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.survey_folder import RESULT
@@ -50,7 +57,8 @@ _log = structlog.get_logger("rounds")
 
 @dataclass(slots=True)
 class FolderLock:
-    """Keeps a second daemon out of a survey's folder, for as long as this process lives; the descriptor is that of the lock's file."""
+    """Keeps a second daemon out of a survey's folder, for as long as this process lives; the
+    descriptor is that of the lock's file."""
 
     descriptor: int
     folder: Path
@@ -64,15 +72,23 @@ class FolderLock:
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
-            raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
+            raise UsageError(
+                str(folder), expected=message("folder-writable"), found=system_words(error)
+            ) from error
         try:
             lock(descriptor)
         except OSError as error:
             holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
             os.close(descriptor)
-            found = message("found-process", number=holder) if holder.isdecimal() else message("found-running")
+            found = (
+                message("found-process", number=holder)
+                if holder.isdecimal()
+                else message("found-running")
+            )
             remedy = message("end-other")
-            raise UsageError(str(folder), expected=message("no-other"), found=found, remedy=remedy) from error
+            raise UsageError(
+                str(folder), expected=message("no-other"), found=found, remedy=remedy
+            ) from error
         _sign(descriptor, folder)
         return cls(descriptor, folder)
 
@@ -88,7 +104,9 @@ class FolderLock:
         mine = os.fstat(self.descriptor)
         if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
             remedy = message("mount")
-            raise DeviceError(str(self.folder), expected=message("folder-as"), found=found, remedy=remedy)
+            raise DeviceError(
+                str(self.folder), expected=message("folder-as"), found=found, remedy=remedy
+            )
 
     def release(self) -> None:
         """Let go."""
@@ -105,7 +123,9 @@ def _sign(descriptor: int, folder: Path) -> None:
     except OSError as error:
         if error.errno != errno.ENOSPC:
             os.close(descriptor)
-            raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
+            raise UsageError(
+                str(folder), expected=message("folder-writable"), found=system_words(error)
+            ) from error
 
 
 def is_recording(folder: Path) -> bool:
@@ -122,7 +142,11 @@ def is_recording(folder: Path) -> bool:
 
 def round_folders(folder: Path) -> list[Path]:
     """Return the numbered folders of a survey, in order of the rounds; none without a folder."""
-    found = [each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()] if folder.is_dir() else []
+    found = (
+        [each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()]
+        if folder.is_dir()
+        else []
+    )
     return sorted(found, key=lambda each: int(each.name))
 
 
@@ -140,13 +164,27 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     last = gone_on_with(rounds[-1], survey_text)
     logs = begun_logs(last)
     recorded = text_of(last, logs)
-    changed = [] if not recorded or extends(survey_text, recorded) else compared(recorded, survey_text)
+    changed = (
+        [] if not recorded or extends(survey_text, recorded) else compared(recorded, survey_text)
+    )
     if (last / RESULT).exists() or changed is None or any(each.begins_round for each in changed):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
     if changed:
-        note_correction(last, Correction(time_s=time.time(), name="run", changes=tuple(map(str, changed)), survey_text=survey_text))
+        note_correction(
+            last,
+            Correction(
+                time_s=time.time(),
+                name="run",
+                changes=tuple(map(str, changed)),
+                survey_text=survey_text,
+            ),
+        )
     noted = noted_round(last, logs, survey_text)
-    used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
+    used = [
+        int(each.name.partition(".")[0])
+        for each in last.iterdir()
+        if each.name.partition(".")[0].isdecimal()
+    ]
     return Round(
         last,
         dict(run),
@@ -164,7 +202,11 @@ def gone_on_with(folder: Path, survey_text: str) -> Path:
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
-    if not (folder / RESULT).exists() or survey_text in recorded or not all(extends(survey_text, one) for one in recorded):
+    if (
+        not (folder / RESULT).exists()
+        or survey_text in recorded
+        or not all(extends(survey_text, one) for one in recorded)
+    ):
         return folder
     new = folder.with_name(f"{int(folder.name) + 1:04d}")
     if not new.exists():
@@ -202,7 +244,12 @@ def mend(folder: Path) -> None:
         except (DataError, UsageError) as error:
             _log.warning("log-not-mended", file=part.name, reason=str(error))
         else:
-            _log.info("log-mended", file=part.name, into=recovery.target.name, lost_bytes=recovery.end.lost_bytes)
+            _log.info(
+                "log-mended",
+                file=part.name,
+                into=recovery.target.name,
+                lost_bytes=recovery.end.lost_bytes,
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,14 +261,18 @@ class Noted:
 
 
 def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
-    """Return the stops and findings of a round as its survey file makes them: from the logs' notes, else from their bytes."""
+    """Return the stops and findings of a round as its survey file makes them: from the logs' notes,
+    else from their bytes."""
     if logs and must_reread(logs, survey_text):
         _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)
         outcomes = [outcome for _, outcome in found]
         stops = tuple(each for each in outcomes if isinstance(each, CapturedStop))
         return Noted(stops, tuple(each for each in outcomes if isinstance(each, Finding)))
     noted = [noted_in(log) for log in logs]
-    return Noted(tuple(stop for each in noted for stop in each.stops), tuple(found for each in noted for found in each.findings))
+    return Noted(
+        tuple(stop for each in noted for stop in each.stops),
+        tuple(found for each in noted for found in each.findings),
+    )
 
 
 def noted_stops(log: Path) -> list[CapturedStop]:
@@ -230,7 +281,8 @@ def noted_stops(log: Path) -> list[CapturedStop]:
 
 
 def noted_in(log: Path) -> Noted:
-    """Return the stops and findings that a log's notes hold. Raises DataError for notes that no recorder of ours has written."""
+    """Return the stops and findings that a log's notes hold. Raises DataError for notes that no
+    recorder of ours has written."""
     stops, findings = list[CapturedStop](), list[Finding]()
     topics: dict[int, str] = {}
     for record in RecordReader(log):
@@ -263,9 +315,13 @@ class _FindingNote(msgspec.Struct):
 def _finding_of(note: bytes, log: Path) -> Finding:
     try:
         found = msgspec.json.decode(note, type=_FindingNote)
-        arguments = msgspec.json.decode(found.arguments or "null")  # a log of before has the text alone
+        arguments = msgspec.json.decode(
+            found.arguments or "null"
+        )  # a log of before has the text alone
     except DAMAGE as error:
-        raise DataError(str(log), expected=message("findings-noted"), found=damage_of(error)) from error
+        raise DataError(
+            str(log), expected=message("findings-noted"), found=damage_of(error)
+        ) from error
     return Finding(
         code=found.code,
         severity=found.severity_text,
@@ -293,7 +349,9 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
         _require_possible(stop)
         return stop
     except (*DAMAGE, KeyError) as error:
-        raise DataError(str(log), expected=message("stops-noted"), found=damage_of(error)) from error
+        raise DataError(
+            str(log), expected=message("stops-noted"), found=damage_of(error)
+        ) from error
 
 
 def _require_possible(stop: CapturedStop) -> None:

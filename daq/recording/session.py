@@ -25,7 +25,14 @@ from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.scene import scene_note
-from stepdiag.daq.log.topics import Note, finding_note, log_note, sample_note, signals_note, stop_note
+from stepdiag.daq.log.topics import (
+    Note,
+    finding_note,
+    log_note,
+    sample_note,
+    signals_note,
+    stop_note,
+)
 from stepdiag.daq.log.writer import ExitStatus, LogHeader
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
@@ -84,7 +91,8 @@ class Round:
 
 
 class Session:
-    """Follows the events of one survey from the first stop to the last. Everything happens in ``consume``.
+    """Follows the events of one survey from the first stop to the last. Everything happens in
+    ``consume``.
 
     ``on_outcome`` receives every finding and end at once, and every stop once it is safe in the
     log: in the recorder's thread therefore. A session that is not ``armed`` first waits for the end
@@ -193,7 +201,8 @@ class Session:
         return self._samples + (self.capture.laser.samples if self.capture is not None else 0)
 
     def consume(self, event: Event) -> None:
-        """Take the next event: into the log first, then into the capture; or keep it until a log begins."""
+        """Take the next event: into the log first, then into the capture; or keep it until a log
+        begins."""
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
             (self._down.discard if event.state == "connected" else self._down.add)(event.link)
@@ -216,10 +225,15 @@ class Session:
         """
         refused = self._why_not(setup)
         if refused:
-            raise UsageError(message("where-begin", name=setup), expected=message("expects-begun"), found=refused)
+            raise UsageError(
+                message("where-begin", name=setup), expected=message("expects-begun"), found=refused
+            )
         self.book.preferred, self._begun = setup, setup
         self._passes_left = self.survey.plan.passes_per_setup
-        self._before, self._before_bytes = deque(), 0  # what stood and moved before is none of this setup
+        self._before, self._before_bytes = (
+            deque(),
+            0,
+        )  # what stood and moved before is none of this setup
         self._begin_log(at_ns)
 
     def _why_not(self, setup: str) -> Words:
@@ -238,10 +252,13 @@ class Session:
         unchanged.
         """
         last = self.laser_samples()
-        self.shown_zero_mm = 0.0 if last is None or math.isnan(last.position_mm[-1]) else float(last.position_mm[-1])
+        self.shown_zero_mm = (
+            0.0 if last is None or math.isnan(last.position_mm[-1]) else float(last.position_mm[-1])
+        )
 
     def close(self, reason: Message) -> None:
-        """End the open log, if any, in good order: the daemon stops, or a person aborts the setup."""
+        """End the open log, if any, in good order: the daemon stops, or a person aborts the
+        setup."""
         if self.capture is not None:
             for outcome in self.capture.finish():
                 self._heed(outcome)
@@ -255,7 +272,12 @@ class Session:
     def as_round(self, verdicts: Verdicts) -> Round:
         """Return the survey's present state, to go on with it."""
         return Round(
-            self.folder, self.round.run, logs=self._logs, stops=tuple(self._stops), findings=tuple(self.findings), verdicts=verdicts
+            self.folder,
+            self.round.run,
+            logs=self._logs,
+            stops=tuple(self._stops),
+            findings=tuple(self.findings),
+            verdicts=verdicts,
         )
 
     def say(self, finding: Finding) -> None:
@@ -274,9 +296,14 @@ class Session:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
 
     def conditions(self) -> dict[str, float]:
-        """Return what a sensor or the laser sent last of air and material, where the survey takes them from it."""
+        """Return what a sensor or the laser sent last of air and material, where the survey takes
+        them from it."""
         sensor = self._idle_air() if self.capture is None else self.capture.air
-        return {name: sensor.conditions[name] for name in condition_names(self.survey, sensor) if name in sensor.conditions}
+        return {
+            name: sensor.conditions[name]
+            for name in condition_names(self.survey, sensor)
+            if name in sensor.conditions
+        }
 
     def laser_samples(self) -> Samples | None:
         """Return the newest batch of the laser, recorded or not; None before the first."""
@@ -291,7 +318,9 @@ class Session:
             self._idle[event.link].forget_breaks()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
-            if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
+            if self._standing is not None and not (
+                signals.stopped and same_stop(self._standing, signals)
+            ):
                 self._standing = None
             self._skip_dwell = self._skip_dwell or self._standing is not None
             if self._begins(signals):
@@ -312,7 +341,9 @@ class Session:
         return self._idle.get("air", self._idle["laser"])
 
     def _decode(self, block: ModbusBlock) -> Signals:
-        self.signals = with_air(self.survey, self._idle_decoder.decode(block), self._idle_air(), block.recv_ns)
+        self.signals = with_air(
+            self.survey, self._idle_decoder.decode(block), self._idle_air(), block.recv_ns
+        )
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
@@ -321,7 +352,12 @@ class Session:
         """
         self._armed = self._armed or self._left(signals)
         self._last_setup = signals.setup
-        if not self._armed or self._standing is not None or signals.running is False or signals.setup == 0:
+        if (
+            not self._armed
+            or self._standing is not None
+            or signals.running is False
+            or signals.setup == 0
+        ):
             return False
         named = signals.running is True or signals.setup is not None
         return signals.stopped is True or (named and self._wanted(signals.setup))
@@ -330,13 +366,19 @@ class Session:
         """Return whether the program of the survey before is over, by the signals."""
         if signals.running is None and signals.setup is None:
             return not signals.stopped
-        return signals.running is False or signals.setup == 0 or (self._last_setup is not None and signals.setup != self._last_setup)
+        return (
+            signals.running is False
+            or signals.setup == 0
+            or (self._last_setup is not None and signals.setup != self._last_setup)
+        )
 
     def _wanted(self, setup: int | None) -> bool:
         """Return whether a pass of the machine's setup is still open."""
         if setup is None:
             return not self.book.complete()
-        return any(self.book.open_passes(name) for name in setups_meant(setup, self.survey.plan.all_setups))
+        return any(
+            self.book.open_passes(name) for name in setups_meant(setup, self.survey.plan.all_setups)
+        )
 
     def _remember(self, event: Event) -> None:
         self._before.append(event)
@@ -353,21 +395,34 @@ class Session:
         offset = self._wall_offset_ns()
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
         breaks = last_of_each((*self._breaks, *self._idle["laser"].breaks))
-        start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks, beyond=self._beyond)
-        believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
+        start = self.book.start(
+            skip_open_dwell=self._skip_dwell,
+            wall_offset_ns=self._stops_offset_ns,
+            breaks=breaks,
+            beyond=self._beyond,
+        )
+        believed = believed_before(
+            self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible
+        )
         start = msgspec.structs.replace(
             start,
             credible=believed,
             last_count=self.owed if start.last_count is None else start.last_count,
             down=tuple(sorted(self._down)),
-            named=tuple(dict.fromkeys(line for each in self.findings if (line := line_named(each)))),
+            named=tuple(
+                dict.fromkeys(line for each in self.findings if (line := line_named(each)))
+            ),
         )
         setup = self.book.next_setup() or "more"
         header = LogHeader(
             survey_text=self._text,
             wall_offset_ns=offset,
             start_ns=time_of(events[0]) if events else now_ns,
-            run={**self.round.run, "expected_setup": setup, "start": msgspec.json.encode(start).decode()},
+            run={
+                **self.round.run,
+                "expected_setup": setup,
+                "start": msgspec.json.encode(start).decode(),
+            },
         )
         self._sink.begin(self.round.folder / f"{self._logs:04d}.mcap", header)
         self.capture = Capture(self.survey, start)
@@ -380,7 +435,11 @@ class Session:
         for outcome in capture.feed(event):
             self._heed(outcome)
         if capture.signals is not None and isinstance(event, ModbusBlock):
-            self.signals = with_air(self.survey, capture.signals, capture.air, event.recv_ns) if self._sensed else capture.signals
+            self.signals = (
+                with_air(self.survey, capture.signals, capture.air, event.recv_ns)
+                if self._sensed
+                else capture.signals
+            )
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing
@@ -405,7 +464,11 @@ class Session:
     def _forgotten(self, capture: Capture, event: Event) -> bool:
         """Return whether a log without a stop has been left by the program for a while."""
         signals = capture.signals
-        if capture.walk is not None or signals is None or not (signals.running is False or signals.setup == 0):
+        if (
+            capture.walk is not None
+            or signals is None
+            or not (signals.running is False or signals.setup == 0)
+        ):
             self._left_ns = None
             return False
         self._left_ns = self._left_ns or time_of(event)
@@ -425,7 +488,9 @@ class Session:
             self._stops.append(outcome)
             self.book.add(outcome)
             self.unsolved = ""
-            self._sink.promise(stop_note(outcome, *self.book.deviation(outcome)), lambda: self._on_outcome(outcome))
+            self._sink.promise(
+                stop_note(outcome, *self.book.deviation(outcome)), lambda: self._on_outcome(outcome)
+            )
             self._draw(outcome)
             for remark in self.book.news():
                 for raised in self.capture.heed(remark) if self.capture is not None else [remark]:
@@ -444,7 +509,9 @@ class Session:
         self._drawn.append(stop)
         walk = self.capture.walk if self.capture is not None else None
         if walk is not None:
-            self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm.tolist(), self._drawn))
+            self._sink.note(
+                scene_note(self.survey.volume, walk.route.stops_mm.tolist(), self._drawn)
+            )
 
     def _of_pass(self, found: Finding) -> Finding:
         """Return a finding of the recording with the number of its pass."""
@@ -454,17 +521,37 @@ class Session:
         return dataclasses.replace(found, pass_number=self.book.number_of(walk.route))
 
     def _note(self, capture: Capture, event: Event) -> None:
-        """Leave the reading and the signals in the log, a few times a second, for a person to look at."""
+        """Leave the reading and the signals in the log, a few times a second, for a person to look
+        at."""
         now = time_of(event)
-        if isinstance(event, Chunk) and now - self._noted_sample_ns >= SAMPLE_NOTE_NS and (last := capture.laser.last) is not None:
+        if (
+            isinstance(event, Chunk)
+            and now - self._noted_sample_ns >= SAMPLE_NOTE_NS
+            and (last := capture.laser.last) is not None
+        ):
             self._noted_sample_ns = now
             beam = float(last.beam[-1])
-            self._sink.note(sample_note(now, float(last.position_mm[-1]), None if math.isnan(beam) else beam, int(last.flags[-1])))
-        if capture.signals is not None and isinstance(event, ModbusBlock) and now - self._noted_signals_ns >= SIGNALS_NOTE_NS:
+            self._sink.note(
+                sample_note(
+                    now,
+                    float(last.position_mm[-1]),
+                    None if math.isnan(beam) else beam,
+                    int(last.flags[-1]),
+                )
+            )
+        if (
+            capture.signals is not None
+            and isinstance(event, ModbusBlock)
+            and now - self._noted_signals_ns >= SIGNALS_NOTE_NS
+        ):
             self._noted_signals_ns = now
             self._sink.note(signals_note(now, capture.signals))
 
 
 def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
     """Return what is listened to between two logs."""
-    return {stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items() if stream != "head"}
+    return {
+        stream: StreamBuffer(decoder)
+        for stream, decoder in decoders(survey).items()
+        if stream != "head"
+    }

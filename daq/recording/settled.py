@@ -24,7 +24,8 @@ class Settled:
         self._mark = (session.folder, *mark_of(session.folder))
 
     def heard(self, session: Session) -> bool:
-        """Give a session what persons have added to its survey beside this process; return whether that was anything new."""
+        """Give a session what persons have added to its survey beside this process; return whether
+        that was anything new."""
         mark = (session.folder, *mark_of(session.folder))
         if mark == self._mark:
             return False

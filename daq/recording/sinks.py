@@ -13,7 +13,8 @@ from stepdiag.daq.records.events import Event
 
 
 class DirectSink:
-    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`): nothing here waits for a disk."""
+    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`):
+    nothing here waits for a disk."""
 
     def begin(self, path: Path, header: LogHeader) -> None:
         """Begin a log. Raises FileExistsError where one is in its place."""

@@ -34,20 +34,38 @@ counter_modulus = 1000000000"""
 
 
 def require_such_lines(survey: Survey, source: str) -> float:
-    """Return the rate in Hz at which the survey's laser takes samples. Raises UsageError where it describes another instrument."""
+    """Return the rate in Hz at which the survey's laser takes samples. Raises UsageError where it
+    describes another instrument."""
     remedy = message("stream-survey-remedy", section=SECTION)
     if not survey.plc.silent:
-        raise UsageError(f"{source}: plc.transport", expected='"none"', found=repr(survey.plc.transport), remedy=remedy)
+        raise UsageError(
+            f"{source}: plc.transport",
+            expected='"none"',
+            found=repr(survey.plc.transport),
+            remedy=remedy,
+        )
     line = survey.laser.line
     if survey.laser.format != "line" or line is None or line.rate_hz is None:
-        raise UsageError(f"{source}: laser.format", expected=message("stream-lines"), found=repr(survey.laser.format), remedy=remedy)
+        raise UsageError(
+            f"{source}: laser.format",
+            expected=message("stream-lines"),
+            found=repr(survey.laser.format),
+            remedy=remedy,
+        )
     taken = laser_decoder(survey).feed(b"".join(_lines(np.array([0.0, 1.25]), 0)), 1)
     if not np.array_equal(taken.position_mm * survey.laser.sign, [0.0, 1.25]):
-        raise UsageError(f"{source}: laser.line.pattern", expected=message("stream-lines"), found=repr(line.pattern), remedy=remedy)
+        raise UsageError(
+            f"{source}: laser.line.pattern",
+            expected=message("stream-lines"),
+            found=repr(line.pattern),
+            remedy=remedy,
+        )
     return line.rate_hz
 
 
-def record_series(survey: Survey, text: str, begun: Round, setup: str, series: Series, *, at_s: float) -> tuple[CapturedStop, ...]:
+def record_series(
+    survey: Survey, text: str, begun: Round, setup: str, series: Series, *, at_s: float
+) -> tuple[CapturedStop, ...]:
     """Record a setup from a series that began at ``at_s`` (seconds since 1970); return its stops,
     pass after pass.
 
@@ -57,10 +75,15 @@ def record_series(survey: Survey, text: str, begun: Round, setup: str, series: S
     """
     taken: list[CapturedStop] = []
     session = Session(
-        survey, text, begun, DirectSink(),
-        on_outcome=lambda outcome: taken.append(outcome) if isinstance(outcome, CapturedStop) else None,
+        survey,
+        text,
+        begun,
+        DirectSink(),
+        on_outcome=lambda outcome: (
+            taken.append(outcome) if isinstance(outcome, CapturedStop) else None
+        ),
         wall_offset_ns=lambda: round(at_s * SECOND_NS),
-    )  # fmt: skip
+    )
     for finding in compensation_findings(survey):
         session.found(finding)
     session.consume(LinkEvent(0, "laser", "connected", ""))
@@ -70,18 +93,32 @@ def record_series(survey: Survey, text: str, begun: Round, setup: str, series: S
     session.close(message("stream-ended"))
     wanted = len(session.book.open_passes(setup))
     if wanted:
-        raise DataError(setup, expected=message("stream-every-pass"), found=message("stream-passes-open", passes=wanted, stops=len(taken)),
-                        remedy=message("stream-dwell-remedy", dwell_s=survey.plan.dwell_s))  # fmt: skip
+        raise DataError(
+            setup,
+            expected=message("stream-every-pass"),
+            found=message("stream-passes-open", passes=wanted, stops=len(taken)),
+            remedy=message("stream-dwell-remedy", dwell_s=survey.plan.dwell_s),
+        )
     return tuple(taken)
 
 
 def _chunks(series: Series) -> Iterator[Chunk]:
-    """Yield the samples as chunks of lines, each arriving with its last sample; the machine stands on at the end of the series."""
+    """Yield the samples as chunks of lines, each arriving with its last sample; the machine stands
+    on at the end of the series."""
     size = max(1, round(CHUNK_S * series.rate_hz))
     for first in range(0, len(series.position_mm), size):
         part = series.position_mm[first : first + size]
-        yield Chunk("laser", round((first + len(part)) / series.rate_hz * SECOND_NS), b"".join(_lines(part, first)))
+        yield Chunk(
+            "laser",
+            round((first + len(part)) / series.rate_hz * SECOND_NS),
+            b"".join(_lines(part, first)),
+        )
 
 
-def _lines(positions_mm: "np.ndarray[tuple[int], np.dtype[np.float64]]", first: int) -> Iterator[bytes]:
-    return (LINE.format(count=count, position=position).encode() for count, position in enumerate(positions_mm.tolist(), first))
+def _lines(
+    positions_mm: "np.ndarray[tuple[int], np.dtype[np.float64]]", first: int
+) -> Iterator[bytes]:
+    return (
+        LINE.format(count=count, position=position).encode()
+        for count, position in enumerate(positions_mm.tolist(), first)
+    )

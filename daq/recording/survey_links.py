@@ -1,7 +1,9 @@
-"""The links of a survey: made from its file, kept, watched; what they bring becomes events in the event loop.
+"""The links of a survey: made from its file, kept, watched; what they bring becomes events in the
+event loop.
 
-A chunk does not wake the loop: with a poll of the machine every twentieth of a second or oftener the loop is awake soon enough, and sixty
-more wake-ups a second would cost a tenth of the daemon's work.
+A chunk does not wake the loop: with a poll of the machine every twentieth of a second or oftener
+the loop is awake soon enough, and sixty more wake-ups a second would cost a tenth of the daemon's
+work.
 """
 
 import asyncio
@@ -47,7 +49,9 @@ class SurveyLinks:
     nothing for success.
     """
 
-    def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[Words], None] = lambda _: None) -> None:
+    def __init__(
+        self, survey: Survey, consume: Consume, on_written: Callable[[Words], None] = lambda _: None
+    ) -> None:
         self._survey = survey
         self._consume = consume
         self._loop = asyncio.get_running_loop()
@@ -63,19 +67,26 @@ class SurveyLinks:
         sections = _sections(survey)
         made = decoders(survey).items()
         self._lines: dict[str, Reconnector] = {
-            name: self._line(name, section, decoder) for name, decoder in made if (section := sections[name]) is not None
+            name: self._line(name, section, decoder)
+            for name, decoder in made
+            if (section := sections[name]) is not None
         }
         if not survey.plc.silent:
             self._poller = self._machine(on_written)
-            self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
+            self._lines["machine"] = Reconnector(
+                "machine", self._poller.session, self._reporter("machine")
+            )
         self._tasks: list[asyncio.Task[None]] = []
 
     async def run(self) -> None:
-        """Keep all links until cancelled. Raises where one of them died of a fault of this program."""
+        """Keep all links until cancelled. Raises where one of them died of a fault of this
+        program."""
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._fail(), name="collect")
-                self._tasks = [group.create_task(line.run(), name=name) for name, line in self._lines.items()]
+                self._tasks = [
+                    group.create_task(line.run(), name=name) for name, line in self._lines.items()
+                ]
         finally:
             self.collect()
 
@@ -99,7 +110,12 @@ class SurveyLinks:
                 self._loop.call_later(took_ns * 1e-9, self._collect_or_fail)
                 return
         if self._lost_chunks and not self._arrived:
-            chunks, size, self._lost_chunks, self._lost_bytes = self._lost_chunks, self._lost_bytes, 0, 0
+            chunks, size, self._lost_chunks, self._lost_bytes = (
+                self._lost_chunks,
+                self._lost_bytes,
+                0,
+                0,
+            )
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
@@ -121,12 +137,16 @@ class SurveyLinks:
 
     def statuses(self) -> Statuses:
         """Return the state of laser, machine, head and sensor of air."""
-        head, air = (self._status(name) if name in self._lines else None for name in ("head", "air"))
+        head, air = (
+            self._status(name) if name in self._lines else None for name in ("head", "air")
+        )
         return self._status("laser"), self._status("machine"), head, air
 
     def _status(self, name: str) -> LinkStatus:
         if name not in self._lines:
-            return LinkStatus(state="connected", address=message("no-signals-laser-alone"), age_s=None, detail="")
+            return LinkStatus(
+                state="connected", address=message("no-signals-laser-alone"), age_s=None, detail=""
+            )
         heard = self._heard_ns.get(name)
         return LinkStatus(
             state=self._lines[name].state,
@@ -137,12 +157,20 @@ class SurveyLinks:
 
     def _machine(self, on_written: Callable[[Words], None]) -> MachinePoller:
         plc = self._survey.plc
-        reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)  # an S7 answers all of them in one telegram
-        return MachinePoller(machine_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written)
+        reads = plan_reads(
+            plc.signals, () if plc.transport == "s7" else plc.standing
+        )  # an S7 answers all of them in one telegram
+        return MachinePoller(
+            machine_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written
+        )
 
     def _line(self, stream: Stream, section: SerialSection, decoder: Decoder) -> Reconnector:
         settings = SerialSettings(
-            port=section.port, baud=section.baud, bytesize=section.bytesize, parity=section.parity, stopbits=section.stopbits
+            port=section.port,
+            baud=section.baud,
+            bytesize=section.bytesize,
+            parity=section.parity,
+            stopbits=section.stopbits,
         )
         line = instrument_line(settings, decoder, self._receiver(stream))
         if isinstance(line, SerialStream):
@@ -150,7 +178,8 @@ class SurveyLinks:
         return Reconnector(stream, line.session, self._reporter(stream))
 
     def _receiver(self, stream: Stream) -> OnChunk:
-        """Return what the reading thread calls: the chunk, stamped there, waits until the loop collects it."""
+        """Return what the reading thread calls: the chunk, stamped there, waits until the loop
+        collects it."""
 
         def arrived(data: bytes, arrival_ns: int) -> None:
             if self._arrived_bytes > MOST_WAITING_BYTES:
@@ -203,11 +232,18 @@ def machine_settings(plc: Plc) -> MachineSettings:
     if plc.transport == "tcp":
         return TcpSettings(host=plc.host, port=plc.tcp_port, unit=plc.unit, timeout_s=plc.timeout_s)
     if plc.transport == "s7":
-        return S7Settings(host=plc.host, port=plc.tcp_port, rack=plc.rack, slot=plc.slot, timeout_s=plc.timeout_s)
+        return S7Settings(
+            host=plc.host, port=plc.tcp_port, rack=plc.rack, slot=plc.slot, timeout_s=plc.timeout_s
+        )
     if plc.transport == "lsv2":
         return Lsv2Settings(host=plc.host, port=plc.tcp_port, timeout_s=plc.timeout_s)
     return RtuSettings(
-        port=plc.serial_port, baud=plc.baud, parity=plc.parity, stopbits=plc.stopbits, unit=plc.unit, timeout_s=plc.timeout_s
+        port=plc.serial_port,
+        baud=plc.baud,
+        parity=plc.parity,
+        stopbits=plc.stopbits,
+        unit=plc.unit,
+        timeout_s=plc.timeout_s,
     )
 
 
@@ -222,4 +258,8 @@ def _address(survey: Survey, name: str) -> str:
     section = _sections(survey)[name]
     if section is None:
         return ""
-    return section.port if network_line(section.port) is not None else f"{section.port}, {section.baud} baud"
+    return (
+        section.port
+        if network_line(section.port) is not None
+        else f"{section.port}, {section.baud} baud"
+    )

@@ -72,7 +72,11 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
         book.time_stated = self.dated[-1] if self.dated else None
         judged = self.judgements[-1] if self.judgements else None
         book.suspect(judged.doubts if judged is not None else ())
-        return judged.reason if judged is not None and not judged.doubts and judged.stops == book.stops else ""
+        return (
+            judged.reason
+            if judged is not None and not judged.doubts and judged.stops == book.stops
+            else ""
+        )
 
 
 def verdicts_in(folder: Path) -> Verdicts:
@@ -90,12 +94,16 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
     Raises UsageError where the reason or the name is empty, or the file cannot be written.
     """
     _require_words(reason=reason, name=name)
-    words = [acceptance_of(doubt, reason=reason.strip(), name=name.strip(), time_s=time_s) for doubt in doubts]
+    words = [
+        acceptance_of(doubt, reason=reason.strip(), name=name.strip(), time_s=time_s)
+        for doubt in doubts
+    ]
     append_line(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
 
 
 def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: float) -> None:
-    """Add a person's word for the time of the first stop, in seconds since 1970, on disk when this returns. Raises as `accept`."""
+    """Add a person's word for the time of the first stop, in seconds since 1970, on disk when this
+    returns. Raises as `accept`."""
     _require_words(reason=reason, name=name)
     word = TimeStated(begun_s=begun_s, name=name.strip(), reason=reason.strip(), time_s=time_s)
     append_line(folder / DATED, msgspec.json.encode(word))
@@ -104,40 +112,56 @@ def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: 
 def _require_words(**given: str) -> None:
     for field, text in given.items():
         if not text.strip():
-            raise UsageError(message("where-accept-field", field=field), expected=message("expects-words"), found=message("nothing"))
+            raise UsageError(
+                message("where-accept-field", field=field),
+                expected=message("expects-words"),
+                found=message("nothing"),
+            )
 
 
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """Return the open doubts at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass
     with all its stops.
 
-    A finding's code, such as ``too-many-outliers``, means all doubts of that kind; a line of the survey file, all that it is the cause of.
+    A finding's code, such as ``too-many-outliers``, means all doubts of that kind; a line of the
+    survey file, all that it is the cause of.
 
     Raises UsageError if there is none, naming the open doubts.
     """
-    found = [doubt for doubt in still if place and place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code, doubt.line)]
+    found = [
+        doubt
+        for doubt in still
+        if place
+        and place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code, doubt.line)
+    ]
     if not found:
         named = [message("place-and-code", place=doubt.place, code=doubt.code) for doubt in still]
         raise UsageError(
             message("where-accept"),
-            expected=message("expects-place", places=named) if named else message("expects-doubted"),
+            expected=message("expects-place", places=named)
+            if named
+            else message("expects-doubted"),
             found=repr(place),
         )
     return found
 
 
 def note_judgement(folder: Path, judged: Judgement) -> None:
-    """Add the verdict of the solver, on disk when this returns. Raises UsageError where it cannot be written."""
+    """Add the verdict of the solver, on disk when this returns. Raises UsageError where it cannot
+    be written."""
     append_line(folder / JUDGED, msgspec.json.encode(judged))
 
 
 def mark_of(folder: Path) -> tuple[int, ...]:
     """Return a value that changes with every added line."""
-    return tuple(path.stat().st_size if path.exists() else 0 for path in (folder / name for name in WORDS))
+    return tuple(
+        path.stat().st_size if path.exists() else 0 for path in (folder / name for name in WORDS)
+    )
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Add a line behind whatever stands there, a torn line included; on disk when this returns, or not there at all. Raises UsageError."""
+    """Add a line behind whatever stands there, a torn line included; on disk when this returns, or
+    not there at all. Raises UsageError."""
     before = path.stat().st_size if path.exists() else None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -151,7 +175,9 @@ def append_line(path: Path, line: bytes) -> None:
     except OSError as error:
         with suppress(OSError):  # of a word that is refused nothing may count
             _back_to(path, before)
-        raise UsageError(str(path), expected=message("file-can-be-written"), found=system_words(error)) from error
+        raise UsageError(
+            str(path), expected=message("file-can-be-written"), found=system_words(error)
+        ) from error
 
 
 def _back_to(path: Path, size: int | None) -> None:
@@ -175,5 +201,7 @@ def lines_of(path: Path, kind: type[Line]) -> list[Line]:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             torn.append((number, str(error)))
     if torn:
-        _log.warning("verdict-not-read", file=str(path), lines=len(torn), line=torn[0][0], reason=torn[0][1])
+        _log.warning(
+            "verdict-not-read", file=str(path), lines=len(torn), line=torn[0][0], reason=torn[0][1]
+        )
     return found

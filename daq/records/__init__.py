@@ -1,4 +1,5 @@
 """Records and the verdicts on them.
 
-In: nothing. Out: events (chunks, register blocks, links) and the daemon's status, as immutable values. Imported by every room of `daq`.
+In: nothing. Out: events (chunks, register blocks, links) and the daemon's status, as immutable
+values. Imported by every room of `daq`.
 """

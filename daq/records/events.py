@@ -27,7 +27,8 @@ Table = Annotated[
     str,
     Meta(
         pattern=_TABLE,
-        description='"coil", "discrete", "holding", "input" (Modbus), "db4900" (S7: any data block) or "B", "M", "I", "O" (LSV2)',
+        description='"coil", "discrete", "holding", "input" (Modbus), "db4900" (S7: any data '
+        'block) or "B", "M", "I", "O" (LSV2)',
     ),
 ]
 """The places of readable values in a machine: the four Modbus tables, a data block of an S7, the
@@ -44,7 +45,8 @@ def is_table(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ReadRange:
-    """``count`` consecutive bits (coil, discrete), registers (holding, input) or bytes (any other table) from ``address``: one request."""
+    """``count`` consecutive bits (coil, discrete), registers (holding, input) or bytes (any other
+    table) from ``address``: one request."""
 
     table: Table
     address: int
@@ -59,8 +61,8 @@ class ReadRange:
 
 
 class Chunk(msgspec.Struct, frozen=True, gc=False):
-    """Bytes of a stream, stamped right after the read that brought them; ``arrival_ns`` is a whole number of
-    microseconds."""
+    """Bytes of a stream, stamped right after the read that brought them; ``arrival_ns`` is a whole
+    number of microseconds."""
 
     stream: Stream
     arrival_ns: int
@@ -83,7 +85,8 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
 
 
 class LinkEvent(msgspec.Struct, frozen=True, gc=False):
-    """A link changed its state, or lost bytes: ``lost`` are the places where it lost them, and how often."""
+    """A link changed its state, or lost bytes: ``lost`` are the places where it lost them, and how
+    often."""
 
     time_ns: int
     link: Link
@@ -98,13 +101,16 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def interrupts(self) -> bool:
-        """Whether what comes next may not belong to what came before, a half line among it: silence and lost bytes leave the line open."""
+        """Whether what comes next may not belong to what came before, a half line among it: silence
+        and lost bytes leave the line open."""
         return self.state == "lost"
 
 
 def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
     """Return the state of a link in words, and what it lost."""
-    return joined([each for each in (detail, message("bytes-lost-at", causes=lost) if lost else "") if each])
+    return joined(
+        [each for each in (detail, message("bytes-lost-at", causes=lost) if lost else "") if each]
+    )
 
 
 class Loss(msgspec.Struct, frozen=True, gc=False):

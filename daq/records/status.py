@@ -12,9 +12,29 @@ import msgspec
 from stepdiag.base.findings import NOWHERE, Finding, Severity
 from stepdiag.base.messages import Message, Place, Words
 
-Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
+Phase = Literal[
+    "starting",
+    "waiting-program",
+    "waiting-stop",
+    "dwelling",
+    "paused",
+    "solving",
+    "complete",
+    "failed",
+]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
-CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate", "take", "correct"]
+CommandName = Literal[
+    "start",
+    "pause",
+    "abort-setup",
+    "choose-setup",
+    "zero",
+    "name",
+    "accept",
+    "certificate",
+    "take",
+    "correct",
+]
 
 
 State = Literal["open", "accepted", "past"]
@@ -70,10 +90,12 @@ class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A captured stop. ``deviation_um`` is reading - nominal along the beam, put right for air, dead path and the mirror's tilt.
+    """A captured stop. ``deviation_um`` is reading - nominal along the beam, put right for air,
+    dead path and the mirror's tilt.
 
-    Both ways of a setup count from the first stop of the way out where one unbroken count joins them (else the way back is hung onto the
-    far end), with one sign; ``place`` is the number of the stop on the way out.
+    Both ways of a setup count from the first stop of the way out where one unbroken count joins
+    them (else the way back is hung onto the far end), with one sign; ``place`` is the number of the
+    stop on the way out.
     """
 
     setup: str
@@ -107,8 +129,20 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     def finding(self) -> Finding:
         """Return what was found, without its state."""
         at = self.at
-        place = {"setup": at.setup, "way": at.way, "pass_number": at.pass_number, "stop": at.stop, "last": at.last}
-        return Finding(code=self.code, severity=self.severity, text=self.text, message=self.message, **place)  # type: ignore[arg-type]
+        place = {
+            "setup": at.setup,
+            "way": at.way,
+            "pass_number": at.pass_number,
+            "stop": at.stop,
+            "last": at.last,
+        }
+        return Finding(
+            code=self.code,
+            severity=self.severity,
+            text=self.text,
+            message=self.message,
+            **place,  # type: ignore[arg-type]
+        )
 
 
 class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -167,7 +201,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     expects_stop: int
     stops_in_pass: int
     program: str = ""
-    """The NC program of the setup expected, as a person calls it at the control (``O8002``); empty where unknown."""
+    """The NC program of the setup expected, as a person calls it at the control (``O8002``); empty
+    where unknown."""
     moving_axis: str
     """The axis that moves to the stop now awaited: x, y, z, or empty."""
     reading_mm: float | None
@@ -191,7 +226,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     relative_humidity_percent: float | None
     material_temperature_c: float | None
     tilt_mrad: tuple[float, float] | None
-    """Mirror tilt of the pass driven last, estimated from its first steps; None before three steps of each axis."""
+    """Mirror tilt of the pass driven last, estimated from its first steps; None before three steps
+    of each axis."""
     tilt_setup: str = ""
     tilt_live: bool = False
     """The setup of the tilt, and whether its pass is being driven now: between setups the mirror
@@ -203,7 +239,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file that were changed since it was read: a person may have the logs read by it."""
+    """The lines of the survey file that were changed since it was read: a person may have the logs
+    read by it."""
     to_drive: tuple[DriveStatus, ...] = ()
     """The passes still to be driven, in order; ``seconds_left`` is its sum."""
     origin_mm: tuple[float, float, float]
@@ -231,9 +268,11 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):
-    """A finished file that a person may fetch. ``name`` is unique, without ``/``, and is what the page shows.
+    """A finished file that a person may fetch. ``name`` is unique, without ``/``, and is what the
+    page shows.
 
-    ``bundle`` and ``restore`` are the folder of an export, packed when it is fetched; ``group`` is its control.
+    ``bundle`` and ``restore`` are the folder of an export, packed when it is fetched; ``group`` is
+    its control.
     """
 
     name: str
@@ -252,7 +291,8 @@ class StatusSource(Protocol):
         """Return the present state; cheap, called up to ten times a second however many look on."""
 
     async def changed(self, sequence: int) -> None:
-        """Return as soon as the snapshot's ``sequence`` is another than the one given; may be cancelled at any time."""
+        """Return as soon as the snapshot's ``sequence`` is another than the one given; may be
+        cancelled at any time."""
 
     def result_file(self) -> Path | None:
         """Return result.json of the last completed survey, or None."""
@@ -268,7 +308,8 @@ class StatusSource(Protocol):
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks.
 
-        ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept`` takes ``place`` (of a doubt), ``reason``
-        and ``name``; ``take`` puts the further setup that is shown into the survey; the others take nothing.
-        Raises UsageError where the present state does not allow it, with what would.
+        ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept``
+        takes ``place`` (of a doubt), ``reason`` and ``name``; ``take`` puts the further setup that
+        is shown into the survey; the others take nothing. Raises UsageError where the present state
+        does not allow it, with what would.
         """

@@ -24,7 +24,13 @@ def logs_in(folder: Path) -> list[Path]:
     Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was
     cut off (``.part``) counts until a mended copy stands beside it.
     """
-    found = {path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))}
-    replaced = {name.replace(".recovered.mcap", ".mcap") for name in found if name.endswith(".recovered.mcap")}
+    found = {
+        path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))
+    }
+    replaced = {
+        name.replace(".recovered.mcap", ".mcap")
+        for name in found
+        if name.endswith(".recovered.mcap")
+    }
     replaced |= {f"{name}.part" for name in found if name.endswith(".mcap")}
     return [found[name] for name in sorted(found) if name not in replaced]

@@ -23,6 +23,8 @@ def write_ahead(folder: Path, ahead: AheadStatus) -> None:
 def ahead_in(folder: Path) -> AheadStatus:
     """Return what stands in a folder; nothing where there is none, or it is damaged."""
     try:
-        return msgspec.json.decode(read_bytes(folder / AHEAD, largest=LARGEST_BYTES), type=AheadStatus)
+        return msgspec.json.decode(
+            read_bytes(folder / AHEAD, largest=LARGEST_BYTES), type=AheadStatus
+        )
     except (StepdiagError, OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return AheadStatus()

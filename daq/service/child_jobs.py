@@ -23,7 +23,8 @@ _log = structlog.get_logger("daemon")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
-    """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none).
+    """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys
+    and their budget in GB (0: none).
 
     ``ahead`` is run after each setup for the next passes, with `TAKE` for a further setup chosen by
     the operator. ``completion`` with `READINGS_ONLY` before the folder is run for a survey that
@@ -39,10 +40,13 @@ class Commands:
 class Finisher:
     """Runs the children and keeps the outcome of the last.
 
-    ``on_done`` is called when a survey was solved, or could not be: with its folder and whether there is a result.
+    ``on_done`` is called when a survey was solved, or could not be: with its folder and whether
+    there is a result.
     """
 
-    def __init__(self, commands: Commands, tally: Tally, on_done: Callable[[Path, bool], None]) -> None:
+    def __init__(
+        self, commands: Commands, tally: Tally, on_done: Callable[[Path, bool], None]
+    ) -> None:
         self._commands = commands
         self._tally = tally
         self._on_done = on_done
@@ -67,19 +71,23 @@ class Finisher:
         """Begin to solve the survey of a folder."""
         self._begin(self._finish(folder), f"completion {folder.name}")
         if self._looking is not None:
-            self._looking.cancel()  # the result shows more than what is solved so far, and it does not wait
+            # the result shows more than what is solved so far, and it does not wait
+            self._looking.cancel()
         self.phase, self.message = "solving", ""
 
     def tabulate(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to write the readings of a survey that stays open; ``then`` is called when they are written, or cannot be."""
+        """Begin to write the readings of a survey that stays open; ``then`` is called when they are
+        written, or cannot be."""
         self._begin(self._tabulate(folder, then), f"readings {folder.name}")
 
     def certify(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to write the certificate of a finished survey; ``then`` is called when it is written, or cannot be."""
+        """Begin to write the certificate of a finished survey; ``then`` is called when it is
+        written, or cannot be."""
         self._begin(self._certify(folder, then), f"certificate {folder.name}")
 
     def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to work out what to drive next; ``then`` is called when it is known, or cannot be."""
+        """Begin to work out what to drive next; ``then`` is called when it is known, or cannot
+        be."""
         if self._commands.ahead:
             self._looking = self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
 
@@ -107,9 +115,12 @@ class Finisher:
         return task
 
     async def _run(self, *command: str) -> tuple[int, Words]:
-        """Return how a child ended and its last words; one after the other, for two would write the same readings."""
+        """Return how a child ended and its last words; one after the other, for two would write the
+        same readings."""
         async with self._one:
-            child = await asyncio.create_subprocess_exec(*command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE)
+            child = await asyncio.create_subprocess_exec(
+                *command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+            )
             written = (await _last_words(child)).decode("utf-8", "replace").strip()
         return child.returncode or 0, _of_line(written.splitlines()[-1] if written else "")
 
@@ -121,9 +132,16 @@ class Finisher:
         then()
 
     async def _certify(self, folder: Path, then: Callable[[], None]) -> None:
-        code, self.message = await self._run(*self._commands.completion, CERTIFICATE_ONLY, str(folder))
+        code, self.message = await self._run(
+            *self._commands.completion, CERTIFICATE_ONLY, str(folder)
+        )
         if code:
-            _log.error("certificate-unwritten", folder=str(folder), exit_code=code, reason=str(self.message))
+            _log.error(
+                "certificate-unwritten",
+                folder=str(folder),
+                exit_code=code,
+                reason=str(self.message),
+            )
         then()
 
     async def _look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
@@ -133,7 +151,12 @@ class Finisher:
             _log.warning("ahead-unknown", folder=str(folder), exit_code=code, reason=str(reason))
         self.ahead = AheadStatus() if code else ahead_in(folder)
         if self.ahead.words:
-            _log.info("ahead", what=str(self.ahead.words), setup=self.ahead.setup, further=self.ahead.further)
+            _log.info(
+                "ahead",
+                what=str(self.ahead.words),
+                setup=self.ahead.setup,
+                further=self.ahead.further,
+            )
         then()
 
     async def _take(self, then: Callable[[], None]) -> None:
@@ -163,7 +186,10 @@ class Finisher:
         """
         if self._commands.archiving and self._commands.max_gb:
             child = await asyncio.create_subprocess_exec(
-                *self._commands.archiving, str(folder), f"{self._commands.max_gb:g}", stdin=asyncio.subprocess.DEVNULL
+                *self._commands.archiving,
+                str(folder),
+                f"{self._commands.max_gb:g}",
+                stdin=asyncio.subprocess.DEVNULL,
             )
             await _last_words(child)
 

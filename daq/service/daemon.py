@@ -102,8 +102,8 @@ class Daemon:
     async def run(self) -> None:
         """Record until SIGTERM, SIGINT or `stop`; then end the open log in good order.
 
-        Raises UsageError where another daemon holds the folder, RuntimeError where a worker died, DeviceError where the disk refused to the
-        end.
+        Raises UsageError where another daemon holds the folder, RuntimeError where a worker died,
+        DeviceError where the disk refused to the end.
         """
         self.take_folder()
         loop = self._loop = asyncio.get_running_loop()
@@ -122,7 +122,8 @@ class Daemon:
             raise _unwritten(recorder.health)
 
     def take_folder(self) -> None:
-        """Take the folder for this process, before anything else is opened. Raises UsageError where another daemon holds it."""
+        """Take the folder for this process, before anything else is opened. Raises UsageError where
+        another daemon holds it."""
         if not self._taken:
             self._lock, self._taken = FolderLock.take(self._folder), True
 
@@ -131,7 +132,9 @@ class Daemon:
         self._stop.set()
 
     async def _serve(self, recorder: Recorder) -> None:
-        self._working = working = self._set_up(recorder, latest_round(self._folder, self._text, self._run_record))
+        self._working = working = self._set_up(
+            recorder, latest_round(self._folder, self._text, self._run_record)
+        )
         self.status_source.open(working)
         self._settled.know(working.session)
         if working.session.book.complete():
@@ -145,7 +148,10 @@ class Daemon:
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
         self._notifier.ready()
         _log.info(
-            "ready", survey=self.survey.identity.name, folder=str(working.session.folder), waits_for=str(self.status_source.waits_for())
+            "ready",
+            survey=self.survey.identity.name,
+            folder=str(working.session.folder),
+            waits_for=str(self.status_source.waits_for()),
         )
         try:
             done, _ = await asyncio.wait([*workers, stopping], return_when=asyncio.FIRST_COMPLETED)
@@ -159,11 +165,16 @@ class Daemon:
         session = self._session(recorder, begun)
         survey_links = SurveyLinks(self.survey, self._consume, self._written)
         if self.survey.plc.handshake.enabled:
-            self._handshake = Handshake(survey_links.acknowledge, session.owed, self.survey.plan.dwell_s)
+            self._handshake = Handshake(
+                survey_links.acknowledge, session.owed, self.survey.plan.dwell_s
+            )
 
         def dead() -> list[str]:
             health = recorder.health
-            return [*survey_links.dead(), *([f"recorder: {health.reason}"] if health.state == "dead" else [])]
+            return [
+                *survey_links.dead(),
+                *([f"recorder: {health.reason}"] if health.state == "dead" else []),
+            ]
 
         return Working(
             session=session,
@@ -172,7 +183,13 @@ class Daemon:
             survey_links=survey_links,
             finisher=Finisher(self._commands, self._tally, self._solved),
             supervisor=Supervisor(
-                self._notifier, dead, self._remark, self._tally, self._lock.require_folder, self._folder, self.survey.recording.min_free_gb
+                self._notifier,
+                dead,
+                self._remark,
+                self._tally,
+                self._lock.require_folder,
+                self._folder,
+                self.survey.recording.min_free_gb,
             ),
             tally=self._tally,
             programs=self._programs(self.survey),
@@ -234,7 +251,9 @@ class Daemon:
         self.status_source.news()
         if isinstance(outcome, Finding):
             self._tally.findings[outcome.code] += 1
-            say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[outcome.severity]
+            say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[
+                outcome.severity
+            ]
             say("finding", code=outcome.code, severity=outcome.severity, text=str(outcome.words))
         else:
             self._ended(outcome)
@@ -245,7 +264,11 @@ class Daemon:
         """
         self.status_source.news()
         self._tally.stops += 1
-        book = self._working.session.book if self._working.session.book.stops else self._working.shown.book
+        book = (
+            self._working.session.book
+            if self._working.session.book.stops
+            else self._working.shown.book
+        )
         reading, deviation = book.deviation(stop)
         _log.info(
             "stop",
@@ -263,16 +286,27 @@ class Daemon:
             self._handshake.captured(stop)
 
     def _ended(self, ended: Ended) -> None:
-        """Report it once the stops of the pass are reported: what was last taken must outlive this process first."""
+        """Report it once the stops of the pass are reported: what was last taken must outlive this
+        process first."""
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
-        self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
+        self._working.recorder.promise(
+            note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended)
+        )
         self._loop.call_soon(self._complete_if_settled)
         self._loop.call_soon(self._look_ahead)
 
     # survey after survey
 
     def _session(self, recorder: Recorder, begun: Round, *, armed: bool = True) -> Session:
-        session = Session(self.survey, self._text, begun, recorder, on_outcome=self._heed, wall_offset_ns=wall_offset_ns, armed=armed)
+        session = Session(
+            self.survey,
+            self._text,
+            begun,
+            recorder,
+            on_outcome=self._heed,
+            wall_offset_ns=wall_offset_ns,
+            armed=armed,
+        )
         for finding in compensation_findings(self.survey):
             session.found(finding)
         return session
@@ -295,7 +329,10 @@ class Daemon:
         """
         if session is not self._working.session or session.book.doubts() != still:
             return
-        places, reason = places_of(still), "; ".join(dict.fromkeys(str(doubt.words) for doubt in still))
+        places, reason = (
+            places_of(still),
+            "; ".join(dict.fromkeys(str(doubt.words) for doubt in still)),
+        )
         facts = {"folder": str(session.folder), "doubted": places, "reason": reason}
         self._write_live(lambda: _log.warning("survey-open", **facts))
 
@@ -317,7 +354,9 @@ class Daemon:
         begun = working.session.recording or bool(working.session.book.passes)
         if solved or begun or working.shown.folder != folder:
             return
-        working.session = self._session(working.recorder, working.shown.as_round(verdicts_in(folder)), armed=False)
+        working.session = self._session(
+            working.recorder, working.shown.as_round(verdicts_in(folder)), armed=False
+        )
         if not working.session.book.doubts():
             working.session.unsolved = working.session.unsolved or working.finisher.message
         working.shown = working.session
@@ -340,7 +379,8 @@ class Daemon:
             self._working.finisher.look_ahead(shown.folder, self.status_source.news)
 
     def _look_at_survey(self) -> None:
-        """Go on with a survey file that has further setups, and show what another change corrects; looked at between two passes."""
+        """Go on with a survey file that has further setups, and show what another change corrects;
+        looked at between two passes."""
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
         changed_ns = _modified_ns(self._file)
@@ -358,7 +398,9 @@ class Daemon:
         except (UsageError, DataError, OSError) as refused:
             _log.warning("survey-file-not-taken", detail=str(refused))
             return
-        self._go_on(text, replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder))
+        self._go_on(
+            text, replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder)
+        )
         _log.info("survey-goes-on", setups=list(self.survey.plan.all_setups), folder=str(folder))
 
     def _go_on(self, text: str, begun: Round) -> None:
@@ -373,27 +415,41 @@ class Daemon:
         self.status_source.news()
 
     def _corrections(self, text: str) -> list[Change]:
-        """Return what a survey file corrects of the round shown; nothing where that is solved, or the machine has to be driven anew."""
+        """Return what a survey file corrects of the round shown; nothing where that is solved, or
+        the machine has to be driven anew."""
         changed = compared(self._text, text) or []
         solved = self._working.finisher.result is not None or not self._working.shown.book.stops
         return [] if solved or any(each.begins_round for each in changed) else changed
 
     async def _correct(self, name: str) -> None:
-        """Read the logs of the round by the changed survey file. Raises UsageError while a pass is recorded, and where none is changed."""
+        """Read the logs of the round by the changed survey file. Raises UsageError while a pass is
+        recorded, and where none is changed."""
         working, text = self._working, read_text(self._file)
         changed = self._corrections(text)
         if working.session.recording or not changed:
             found = found_now(working.session)
-            raise UsageError(message("where-correct"), expected=message("expects-changed-file"), found=found)
-        correction = Correction(time_s=time.time(), name=name, changes=tuple(map(str, changed)), survey_text=text)
-        paused, working.paused = working.paused, True  # no pass begins while the logs of those before it are read
+            raise UsageError(
+                message("where-correct"), expected=message("expects-changed-file"), found=found
+            )
+        correction = Correction(
+            time_s=time.time(), name=name, changes=tuple(map(str, changed)), survey_text=text
+        )
+        paused, working.paused = (
+            working.paused,
+            True,
+        )  # no pass begins while the logs of those before it are read
         try:
             await asyncio.to_thread(note_correction, working.shown.folder, correction)
             begun = await asyncio.to_thread(latest_round, self._folder, text, self._run_record)
         finally:
             working.paused = paused
         self._go_on(text, begun)
-        _log.info("survey-corrected", changes=list(correction.changes), given_name=name, folder=str(begun.folder))
+        _log.info(
+            "survey-corrected",
+            changes=list(correction.changes),
+            given_name=name,
+            folder=str(begun.folder),
+        )
         self._complete_if_settled()
 
     def _look_at_begun(self) -> None:
@@ -402,7 +458,9 @@ class Daemon:
             try:
                 self._working.session.begin(word.setup, now_ns())
             except UsageError as refused:
-                _log.warning("begin-refused", setup=word.setup, given_name=word.name, detail=str(refused))
+                _log.warning(
+                    "begin-refused", setup=word.setup, given_name=word.name, detail=str(refused)
+                )
             else:
                 _log.info("begun", setup=word.setup, given_name=word.name)
             self.status_source.news()
@@ -412,7 +470,12 @@ class Daemon:
     def _recorder_changed(self, health: RecorderHealth) -> None:
         """Take note of the recorder's state, in the recorder's thread."""
         self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
-        fields = {"state": health.state, "reason": str(health.reason), "path": str(health.path), "lost_events": health.lost_events}
+        fields = {
+            "state": health.state,
+            "reason": str(health.reason),
+            "path": str(health.path),
+            "lost_events": health.lost_events,
+        }
         if health.state in ("blocked", "dead"):
             _log.error("recorder", **fields)
         elif self._blocked:
@@ -423,7 +486,8 @@ class Daemon:
         self._working.finisher.recorder_is(idle=idle)
 
     async def _publish(self) -> None:
-        """Make the snapshot anew, and look at the files beside the logs: the rarer, the less it disturbs arrival stamps."""
+        """Make the snapshot anew, and look at the files beside the logs: the rarer, the less it
+        disturbs arrival stamps."""
         looked_s = 0.0
         while True:
             await asyncio.sleep(PUBLISH_S)
@@ -433,7 +497,9 @@ class Daemon:
                 looked_s = time.monotonic()
                 self._announce(str(self.status_source.waits_for()))
                 self._look_at_verdicts()
-            if time.monotonic() - self._live_s >= LIVE_S and (self._writing is None or self._writing.done()):
+            if time.monotonic() - self._live_s >= LIVE_S and (
+                self._writing is None or self._writing.done()
+            ):
                 self._write_live()
                 if not self._working.session.recording:
                     self._look_at_survey()
@@ -446,7 +512,9 @@ class Daemon:
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")
 
-    async def _written_live(self, before: asyncio.Task[None] | None, then: Callable[[], object] | None) -> None:
+    async def _written_live(
+        self, before: asyncio.Task[None] | None, then: Callable[[], object] | None
+    ) -> None:
         if before is not None:
             await before
         await asyncio.to_thread(write_live, self._folder, self.status_source.live())
@@ -454,7 +522,8 @@ class Daemon:
             then()
 
     def _announce(self, waits_for: str) -> None:
-        """Report what the daemon waits for: to systemd always, into the log where nothing is being recorded."""
+        """Report what the daemon waits for: to systemd always, into the log where nothing is being
+        recorded."""
         self._notifier.status(waits_for)
         if waits_for != self._announced and not self._working.session.recording:
             _log.info("waiting", what=waits_for)
@@ -476,5 +545,7 @@ def _say_ended(ended: Ended) -> None:
 def _unwritten(health: RecorderHealth) -> DeviceError:
     """Return the error for a disk that has not taken what was recorded last."""
     remedy = message("make-room")
-    found = message("bytes-lost", why=health.reason or message("disk-too-slow"), count=health.backlog_bytes)
+    found = message(
+        "bytes-lost", why=health.reason or message("disk-too-slow"), count=health.backlog_bytes
+    )
     return DeviceError(str(health.path), expected=message("disk-takes"), found=found, remedy=remedy)

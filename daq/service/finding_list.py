@@ -1,4 +1,5 @@
-"""The findings of a survey as a person sees them: one list for page and `status`, the same after a restart."""
+"""The findings of a survey as a person sees them: one list for page and `status`, the same after a
+restart."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -14,8 +15,11 @@ SHOWN = 50
 """Number of past findings shown, the newest."""
 
 
-def finding_list(book: PassBook, history: Sequence[Finding], now_s: float | None = None) -> tuple[FindingStatus, ...]:
-    """Return what was found: past first, then what a person accepted, then what is open; ``now_s`` is the time of day, where it counts."""
+def finding_list(
+    book: PassBook, history: Sequence[Finding], now_s: float | None = None
+) -> tuple[FindingStatus, ...]:
+    """Return what was found: past first, then what a person accepted, then what is open; ``now_s``
+    is the time of day, where it counts."""
     doubts, accepted = book.doubts(), book.accepted()
     settled = {_key(doubt) for doubt in (*doubts, *(doubt for doubt, _ in accepted))}
     past = [each for each in dict.fromkeys(history) if _key(each) not in settled]
@@ -41,8 +45,18 @@ def _is_missing(book: PassBook, found: Finding) -> bool:
 
 def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
     known = found.setup and found.pass_number is not None
-    place = f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}") if known else ""
-    facts = {"code": found.code, "severity": found.severity, "text": str(found.words), "message": found.message, "at": found.place}
+    place = (
+        f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}")
+        if known
+        else ""
+    )
+    facts = {
+        "code": found.code,
+        "severity": found.severity,
+        "text": str(found.words),
+        "message": found.message,
+        "at": found.place,
+    }
     return FindingStatus(**facts, place=place, state="open" if open_ else "past")  # type: ignore[arg-type]
 
 
@@ -59,4 +73,13 @@ def _accepted(doubt: Doubt, word: Acceptance) -> FindingStatus:
 def _doubted(severity: Severity, doubt: Doubt, state: State, word: str = "") -> FindingStatus:
     why = doubt.why if isinstance(doubt.why, Message) else None
     text = str(doubt.words)
-    return FindingStatus(code=doubt.code, severity=severity, text=text, message=why, at=doubt.at, place=doubt.place, state=state, word=word)
+    return FindingStatus(
+        code=doubt.code,
+        severity=severity,
+        text=text,
+        message=why,
+        at=doubt.at,
+        place=doubt.place,
+        state=state,
+        word=word,
+    )

@@ -15,10 +15,15 @@ BEYOND = 0.06
 """Distance of the name of an axis beyond the end of the axis, as a share of the longest side."""
 
 
-def geometry(plan: Plan, setups: Sequence[SetupStatus], expects: str, number: int) -> GeometryStatus:
-    """Return the geometry of a survey whose pass ``number`` of ``expects`` (empty: none) is awaited or driven."""
+def geometry(
+    plan: Plan, setups: Sequence[SetupStatus], expects: str, number: int
+) -> GeometryStatus:
+    """Return the geometry of a survey whose pass ``number`` of ``expects`` (empty: none) is awaited
+    or driven."""
     edges, axes = _box(plan.volume)
-    ways = tuple(WayStatus(setup=one.name, state=one.state, ends_mm=_ends(plan, one.name)) for one in setups)
+    ways = tuple(
+        WayStatus(setup=one.name, state=one.state, ends_mm=_ends(plan, one.name)) for one in setups
+    )
     route = _route(plan, expects, number) if expects else ()
     return GeometryStatus(edges_mm=edges, axes=axes, ways=ways, route_mm=route)
 
@@ -34,7 +39,10 @@ def _box(volume: Volume) -> tuple[tuple[tuple[Point, Point], ...], tuple[tuple[s
 
 
 def _corner(volume: Volume, bits: int) -> Point:
-    x, y, z = (low + size * ((bits >> axis) & 1) for axis, (low, size) in enumerate(zip(volume.origin_mm, volume.size_mm, strict=True)))
+    x, y, z = (
+        low + size * ((bits >> axis) & 1)
+        for axis, (low, size) in enumerate(zip(volume.origin_mm, volume.size_mm, strict=True))
+    )
     return x, y, z
 
 

@@ -23,8 +23,8 @@ LARGEST_BYTES = 100_000
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The state of a daemon at a moment; ``time_s`` since 1970, ``conditions`` the newest values of air
-    and material from a sensor or the laser.
+    """The state of a daemon at a moment; ``time_s`` since 1970, ``conditions`` the newest values of
+    air and material from a sensor or the laser.
     """
 
     time_s: float
@@ -39,7 +39,11 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     def awaits_stop_of(self, setup: str) -> bool:
         """Return whether the daemon waits for the next stop of a setup."""
         waits = self.waits_for
-        return isinstance(waits, Message) and waits.key in AT_STOPS and waits.arguments["setup"] == setup
+        return (
+            isinstance(waits, Message)
+            and waits.key in AT_STOPS
+            and waits.arguments["setup"] == setup
+        )
 
 
 def write_live(folder: Path, status: LiveStatus) -> None:
@@ -59,11 +63,14 @@ def forget_live(folder: Path) -> None:
 
 
 def live_in(folder: Path) -> LiveStatus | None:
-    """Return the last moment of the daemon that records into a folder; None where it is not there, damaged, or old."""
+    """Return the last moment of the daemon that records into a folder; None where it is not there,
+    damaged, or old."""
     if not (folder / FILE).is_file():
         return None
     try:
-        status = msgspec.json.decode(read_bytes(folder / FILE, largest=LARGEST_BYTES), type=LiveStatus)
+        status = msgspec.json.decode(
+            read_bytes(folder / FILE, largest=LARGEST_BYTES), type=LiveStatus
+        )
     except (StepdiagError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     return status if abs(time.time() - status.time_s) < OLD_S else None

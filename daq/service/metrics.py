@@ -32,7 +32,8 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One moment. ``links`` by name; ``disk_free_bytes`` where the logs go; ``watchdog_age_s`` since every worker was last seen alive."""
+    """One moment. ``links`` by name; ``disk_free_bytes`` where the logs go; ``watchdog_age_s``
+    since every worker was last seen alive."""
 
     tally: Tally
     samples: int

@@ -19,9 +19,12 @@ PACE_STOPS = 10
 """The pace is computed from this many stops."""
 LONGEST_SETTING_UP = 3.0
 SETTING_UP: Mapping[Kind, str] = {
-    "step": "diagonal_setup_min", "face": "diagonal_setup_min", "body": "diagonal_setup_min", "linear": "linear_setup_min",
+    "step": "diagonal_setup_min",
+    "face": "diagonal_setup_min",
+    "body": "diagonal_setup_min",
+    "linear": "linear_setup_min",
     "fourdof": "fourdof_setup_min",
-}  # fmt: skip
+}
 LONGEST_DWELL = 20.0
 """A stop that took so many times longer than planned was an interruption, not the pace."""
 
@@ -30,9 +33,10 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     """Return the open passes of the plan, in the order of driving; empty if every pass is in and
     nothing is doubted.
 
-    A pass counts from the stop where it goes on. Its minutes are those of its stops at the measured pace (as planned before there is one);
-    the first pass of a setup that does not stand has the setting up in it, as long as those before took. ``running`` is the setup that the
-    machine drives now.
+    A pass counts from the stop where it goes on. Its minutes are those of its stops at the measured
+    pace (as planned before there is one); the first pass of a setup that does not stand has the
+    setting up in it, as long as those before took. ``running`` is the setup that the machine drives
+    now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
@@ -64,10 +68,14 @@ def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
         minutes = (first.time_s - before.time_s) / 60.0
         if minutes < LONGEST_SETTING_UP * getattr(plan.pace, name):
             found.setdefault(name, []).append(minutes)
-    return replace(plan, pace=replace(plan.pace, **{name: median(minutes) for name, minutes in found.items()}))
+    return replace(
+        plan, pace=replace(plan.pace, **{name: median(minutes) for name, minutes in found.items()})
+    )
 
 
-def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: bool) -> DriveStatus:
+def _drive(
+    survey: Survey, book: PassBook, setup: str, number: int, *, running: bool
+) -> DriveStatus:
     """Return an open pass without its minutes; a running pass goes on at its place, and may still
     become whole.
     """
@@ -80,7 +88,9 @@ def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: 
     if now and not begun.open_doubts() and (following := _following(begun)) is not None:
         from_stop = following
     again = not now and not book.wrong_line and not begun.is_driven
-    return DriveStatus(setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=again)
+    return DriveStatus(
+        setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=again
+    )
 
 
 def _following(begun: Pass) -> int | None:
@@ -104,15 +114,20 @@ def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
     """Return the seconds from stop to stop and those of setting up."""
     planned, setting_up = _times(plan, setup)
     measured = _measured_pace_s(book)
-    return (planned if measured is None or measured >= LONGEST_DWELL * planned else measured), setting_up
+    return (
+        planned if measured is None or measured >= LONGEST_DWELL * planned else measured
+    ), setting_up
 
 
 @lru_cache(maxsize=256)
 def _times(plan: Plan, setup: str) -> tuple[float, float]:
-    """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts them."""
+    """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts
+    them."""
     run = plan.run_of(setup)
     setting_up = setup_minutes(plan, run)
-    return 60 * (run_minutes(plan, run) - setting_up) / (len(run_stops_mm(plan, run)) * len(run.pass_numbers)), 60 * setting_up
+    return 60 * (run_minutes(plan, run) - setting_up) / (
+        len(run_stops_mm(plan, run)) * len(run.pass_numbers)
+    ), 60 * setting_up
 
 
 def _measured_pace_s(book: PassBook) -> float | None:

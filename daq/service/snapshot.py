@@ -1,4 +1,5 @@
-"""The session and the links as one immutable snapshot, for the page, ``stepdiag status`` and systemd."""
+"""The session and the links as one immutable snapshot, for the page, ``stepdiag status`` and
+systemd."""
 
 import math
 import time
@@ -99,7 +100,12 @@ def _expected_pass(session: Session, setup: str) -> int:
     """Return the number of the pass that runs or comes next."""
     walk = session.capture.walk if session.capture is not None else None
     driven = session.book.driven
-    if walk is not None and driven is not None and walk.last is not None and driven.route.setup == setup:
+    if (
+        walk is not None
+        and driven is not None
+        and walk.last is not None
+        and driven.route.setup == setup
+    ):
         return driven.number
     return next(iter(session.book.open_passes(setup)), 1) if setup else 1
 
@@ -117,15 +123,24 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
     return setup, 0, len(route_of(session.survey.planned, setup, 1)), ""
 
 
-def setup_statuses(survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = "") -> tuple[SetupStatus, ...]:
+def setup_statuses(
+    survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = ""
+) -> tuple[SetupStatus, ...]:
     """Return the progress of each setup of the plan, by its passes still to be driven, and the
     reason to repeat a pass.
     """
     names = survey.plan.all_setups
-    return tuple(_setup_status(survey, book, name, [each for each in drives if each.setup == name], name == running) for name in names)
+    return tuple(
+        _setup_status(
+            survey, book, name, [each for each in drives if each.setup == name], name == running
+        )
+        for name in names
+    )
 
 
-def _setup_status(survey: Survey, book: PassBook, setup: str, drives: Sequence[DriveStatus], running: bool) -> SetupStatus:
+def _setup_status(
+    survey: Survey, book: PassBook, setup: str, drives: Sequence[DriveStatus], running: bool
+) -> SetupStatus:
     stops_wanted = len(route_of(survey.planned, setup, 1)) * len(book.wanted())
     passes = [each for each in book.of(setup) if each.number in book.wanted()]
     again = {drive.pass_number for drive in drives if drive.again}
@@ -138,14 +153,30 @@ def _setup_status(survey: Survey, book: PassBook, setup: str, drives: Sequence[D
         stops_wanted=stops_wanted,
         stops_done=stops_wanted - sum(drive.stops for drive in drives),
         state=state,  # type: ignore[arg-type]
-        reason=joined([message("pass-why", number=each.number, why=each.why_incomplete()) for each in passes if each.number in again]),
-        doubt=joined([message("pass-why", number=each.number, why=why) for each in passes if (why := each.why_doubtful())]),
+        reason=joined(
+            [
+                message("pass-why", number=each.number, why=each.why_incomplete())
+                for each in passes
+                if each.number in again
+            ]
+        ),
+        doubt=joined(
+            [
+                message("pass-why", number=each.number, why=why)
+                for each in passes
+                if (why := each.why_doubtful())
+            ]
+        ),
     )
 
 
 def _counts_to(session: Session, lost: bool) -> int | None:
-    """Return the last stop to which the running pass counts where its count is lost; None while it counts, and before its first stop."""
-    walk, driven = (session.capture.walk if session.capture is not None else None), session.book.driven
+    """Return the last stop to which the running pass counts where its count is lost; None while it
+    counts, and before its first stop."""
+    walk, driven = (
+        (session.capture.walk if session.capture is not None else None),
+        session.book.driven,
+    )
     if walk is None or driven is None or not walk.started or driven.route.setup != walk.route.setup:
         return None
     chosen = driven.chosen()
@@ -167,7 +198,9 @@ def _strip(session: Session) -> StripStatus | None:
             low[number - first] = round(least - session.shown_zero_mm, 6)
             high[number - first] = round(most - session.shown_zero_mm, 6)
     keep = min(len(low), KEEP_BINS)
-    return StripStatus(first=last - keep + 1, bin_s=BIN_S, low_mm=tuple(low[-keep:]), high_mm=tuple(high[-keep:]))
+    return StripStatus(
+        first=last - keep + 1, bin_s=BIN_S, low_mm=tuple(low[-keep:]), high_mm=tuple(high[-keep:])
+    )
 
 
 def _reading(session: Session) -> tuple[float | None, float | None, bool]:
@@ -176,12 +209,20 @@ def _reading(session: Session) -> tuple[float | None, float | None, bool]:
         return None, None, False
     position, beam = float(last.position_mm[-1]), float(last.beam[-1])
     lost = bool(last.flags[-1] & int(CONTINUITY))
-    return (None if math.isnan(position) else position - session.shown_zero_mm), (None if math.isnan(beam) else beam), lost
+    return (
+        (None if math.isnan(position) else position - session.shown_zero_mm),
+        (None if math.isnan(beam) else beam),
+        lost,
+    )
 
 
 def _tilt(session: Session) -> tuple[float, float] | None:
     driven = session.book.driven
-    return mirror_tilt_mrad(driven.route, list(driven.chosen().values())) if driven is not None else None
+    return (
+        mirror_tilt_mrad(driven.route, list(driven.chosen().values()))
+        if driven is not None
+        else None
+    )
 
 
 def _running(session: Session) -> str:

@@ -34,7 +34,9 @@ _log = structlog.get_logger("daemon")
 
 
 async def _nothing_to_correct(_name: str) -> None:
-    raise UsageError(message("where-correct"), expected=message("expects-changed-file"), found=message("none"))
+    raise UsageError(
+        message("where-correct"), expected=message("expects-changed-file"), found=message("none")
+    )
 
 
 @dataclass(slots=True, kw_only=True)
@@ -54,16 +56,19 @@ class Working:
     alarms: Callable[[], Sequence[Words]] = tuple
     """The urgent alarms, in words."""
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file that were changed since it was read, where the passes stay those that were driven."""
+    """The lines of the survey file that were changed since it was read, where the passes stay those
+    that were driven."""
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
-    """Reads the logs by the changed file, in the name of a person. Raises UsageError where that is not possible now."""
+    """Reads the logs by the changed file, in the name of a person. Raises UsageError where that is
+    not possible now."""
     waits_in_vain: Callable[[], bool] = bool
     """Whether the machine waits for the handshake for longer than it should."""
     paused: bool = False
 
 
 class DaemonStatusSource:
-    """Answers and obeys. ``news`` is called, by the daemon too, whenever something has changed that cannot wait for the next tick."""
+    """Answers and obeys. ``news`` is called, by the daemon too, whenever something has changed that
+    cannot wait for the next tick."""
 
     def __init__(self) -> None:
         self._working: Working | None = None
@@ -103,7 +108,9 @@ class DaemonStatusSource:
         if working.paused:
             return "paused"
         if working.session.capture is not None:
-            return "dwelling" if working.session.capture.tracker.open is not None else "waiting-stop"
+            return (
+                "dwelling" if working.session.capture.tracker.open is not None else "waiting-stop"
+            )
         return working.finisher.phase if working.shown is not working.session else "waiting-program"
 
     def waits_for(self) -> Words:
@@ -127,7 +134,13 @@ class DaemonStatusSource:
         laser, plc, head, air = self._at_work.survey_links.statuses()
         words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
         return LiveStatus(
-            time_s=time.time(), **words, conditions=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air
+            time_s=time.time(),
+            **words,
+            conditions=self._at_work.session.conditions(),
+            laser=laser,
+            plc=plc,
+            head=head,
+            air=air,
         )
 
     def snapshot(self) -> Snapshot:
@@ -143,7 +156,9 @@ class DaemonStatusSource:
             waits_in_vain=working.waits_in_vain(),
             notice=_message(working),
         )
-        return msgspec.structs.replace(shown, ahead=working.finisher.ahead, corrects=working.corrects)
+        return msgspec.structs.replace(
+            shown, ahead=working.finisher.ahead, corrects=working.corrects
+        )
 
     def figures(self) -> Figures:
         """Return what the daemon counts and measures of itself, now."""
@@ -153,7 +168,11 @@ class DaemonStatusSource:
         return Figures(
             tally=working.tally,
             samples=working.tally.samples_before + session.samples,
-            links={name: link for name, link in zip(names, working.survey_links.statuses(), strict=True) if link is not None},
+            links={
+                name: link
+                for name, link in zip(names, working.survey_links.statuses(), strict=True)
+                if link is not None
+            },
             recording=session.recording,
             recorder_blocked=health.state == "blocked",
             backlog_bytes=health.backlog_bytes,
@@ -190,22 +209,37 @@ class DaemonStatusSource:
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
 
     def _certify(self, finisher: Finisher) -> None:
-        """Begin to write the certificate of the survey shown. Raises UsageError where it has no result."""
+        """Begin to write the certificate of the survey shown. Raises UsageError where it has no
+        result."""
         if finisher.result is None:
-            raise UsageError(message("where-certificate"), expected=message("expects-result"), found=message("none"))
+            raise UsageError(
+                message("where-certificate"),
+                expected=message("expects-result"),
+                found=message("none"),
+            )
         finisher.certify(finisher.result.parent, self.news)
 
     def _take(self, working: Working) -> None:
-        """Have the further setup put into the survey. Raises UsageError where there is none, or a pass is being recorded."""
+        """Have the further setup put into the survey. Raises UsageError where there is none, or a
+        pass is being recorded."""
         session = working.session
         if session.recording or not working.finisher.ahead.further:
-            raise UsageError(message("where-take"), expected=message("expects-further"), found=found_now(session))
+            raise UsageError(
+                message("where-take"), expected=message("expects-further"), found=found_now(session)
+            )
         working.finisher.take(self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""
+        """Do what a person with the token asks. Raises UsageError where the present state does not
+        allow it."""
         _log.info(
-            "command", name=name, **{f"given_{key}" if key == "name" else key: arguments[key] for key in _ARGUMENTS if key in arguments}
+            "command",
+            name=name,
+            **{
+                f"given_{key}" if key == "name" else key: arguments[key]
+                for key in _ARGUMENTS
+                if key in arguments
+            },
         )
         working = self._at_work
         session = working.session
@@ -226,19 +260,35 @@ class DaemonStatusSource:
             case "take":
                 self._take(working)
             case "accept" | "correct":
-                await (self._accept(session, arguments) if name == "accept" else working.correct(_line("name", arguments.get("name", ""))))
+                await (
+                    self._accept(session, arguments)
+                    if name == "accept"
+                    else working.correct(_line("name", arguments.get("name", "")))
+                )
             case "name":
-                session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
+                session.round.run.update(
+                    {
+                        key: _line(key, arguments[key])
+                        for key in ("operator", "workpiece")
+                        if key in arguments
+                    }
+                )
         self.news()
 
 
 def found_now(session: Session) -> Message:
-    """Return what hinders an order between two passes: the pass being recorded, or nothing to do."""
-    return message("found-being-recorded", name=session.book.next_setup()) if session.recording else message("none")
+    """Return what hinders an order between two passes: the pass being recorded, or nothing to
+    do."""
+    return (
+        message("found-being-recorded", name=session.book.next_setup())
+        if session.recording
+        else message("none")
+    )
 
 
 def _start(working: Working) -> None:
-    """Go on after a pause, or begin the next setup of a machine without signals. Raises UsageError as `Session.begin`."""
+    """Go on after a pause, or begin the next setup of a machine without signals. Raises UsageError
+    as `Session.begin`."""
     if not working.paused and working.session.survey.plc.silent:
         working.session.begin(working.session.book.next_setup(), now_ns())
     working.paused = False
@@ -246,7 +296,9 @@ def _start(working: Working) -> None:
 
 def _abort(session: Session) -> None:
     if not session.recording:
-        raise UsageError(message("where-abort"), expected=message("expects-recorded"), found=message("none"))
+        raise UsageError(
+            message("where-abort"), expected=message("expects-recorded"), found=message("none")
+        )
     session.close(message("closed-aborted"))
 
 
@@ -265,12 +317,19 @@ def _idle(session: Session, setup: str) -> Message:
 
 def _message(working: Working) -> Words:
     """Return what a person must see at once."""
-    return joined(list(dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each)))
+    return joined(
+        list(dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each))
+    )
 
 
 def _of_service(working: Working) -> Words:
     """Return what is wrong with the service itself."""
-    return _refused(working.recorder) or working.supervisor.disk or working.finisher.message or working.recorder.health.reason
+    return (
+        _refused(working.recorder)
+        or working.supervisor.disk
+        or working.finisher.message
+        or working.recorder.health.reason
+    )
 
 
 def _refused(recorder: Recorder) -> Words:
@@ -282,12 +341,16 @@ def _refused(recorder: Recorder) -> Words:
 def _planned(session: Session, setup: str) -> str:
     planned = session.survey.plan.all_setups
     if setup not in planned:
-        raise UsageError(message("where-choose"), expected=message("one-of", names=planned), found=repr(setup))
+        raise UsageError(
+            message("where-choose"), expected=message("one-of", names=planned), found=repr(setup)
+        )
     return setup
 
 
 def _line(name: str, text: str) -> str:
     """Return a text that stays on its line of a report. Raises UsageError for another one."""
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
-        raise UsageError(name, expected=message("expects-line", count=LONGEST_NAME), found=ascii(excerpt(text)))
+        raise UsageError(
+            name, expected=message("expects-line", count=LONGEST_NAME), found=ascii(excerpt(text))
+        )
     return text

@@ -15,7 +15,8 @@ from stepdiag.daq.timing.host_clock import ClockWatch
 LOOK_S = 1.0
 """Period of the checks in s, shorter if systemd's watchdog needs it."""
 STOOD_S = 2.0
-"""Looks that lie so much further apart than they should: this process, or the whole computer, stood still."""
+"""Looks that lie so much further apart than they should: this process, or the whole computer, stood
+still."""
 _log = structlog.get_logger("daemon")
 
 
@@ -49,7 +50,8 @@ class Supervisor:
         """The finding of the disk; empty while there is room."""
 
     async def watch(self) -> None:
-        """Look again and again. Raises RuntimeError where a worker is dead, DeviceError where the survey's folder is gone."""
+        """Look again and again. Raises RuntimeError where a worker is dead, DeviceError where the
+        survey's folder is gone."""
         interval_s = min(LOOK_S, (self._notifier.watchdog_s or 2 * LOOK_S) / 2)
         while True:
             await asyncio.sleep(interval_s)
@@ -66,7 +68,11 @@ class Supervisor:
         """Report once, in the log and on the page, that the disk is nearly full."""
         words = words_on_disk(self._folder, self._min_free_gb * (1.1 if self.disk else 1.0))
         if words and not self.disk:
-            _log.error("disk-low", free_gb=round(disk_free_bytes(self._folder) / GB, 2), folder=str(self._folder))
+            _log.error(
+                "disk-low",
+                free_gb=round(disk_free_bytes(self._folder) / GB, 2),
+                folder=str(self._folder),
+            )
         self.disk = words
 
     def _look_at_clocks(self, interval_s: float) -> None:
@@ -76,5 +82,11 @@ class Supervisor:
             _log.warning("clock-set", by_s=round(look.set_by_s, 1))
             self._remark(message("clock-was-set", by_s=look.set_by_s))
         if look.apart_s > interval_s + STOOD_S:
-            _log.warning("stood-still", seconds=round(look.apart_s - interval_s, 1), asleep_s=round(look.asleep_s, 1))
-            self._remark(message("stood-still", seconds_s=look.apart_s - interval_s, asleep_s=look.asleep_s))
+            _log.warning(
+                "stood-still",
+                seconds=round(look.apart_s - interval_s, 1),
+                asleep_s=round(look.asleep_s, 1),
+            )
+            self._remark(
+                message("stood-still", seconds_s=look.apart_s - interval_s, asleep_s=look.asleep_s)
+            )

@@ -21,8 +21,8 @@ _NOT_PROVED = ("[[export]]", "[head", "[proof]")
 
 
 def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
-    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and shifts, and ``[volume]`` has these
-    ``increments`` where they are given; all else is untouched.
+    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and
+    shifts, and ``[volume]`` has these ``increments`` where they are given; all else is untouched.
 
     Raises UsageError if the survey cannot hold such a plan (a run of a head that it lacks), or
     writes its plan in another form.
@@ -38,15 +38,26 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
             blocks.append(block)
     if not any(block[0].strip() == PLAN for block in blocks):
         blocks.append([f"{PLAN}\n"])
-    amended = "".join("".join(_amended(block, plan) if block[0].strip() == PLAN else _finer(block, increments)) for block in blocks)
+    amended = "".join(
+        "".join(_amended(block, plan) if block[0].strip() == PLAN else _finer(block, increments))
+        for block in blocks
+    )
     survey = parse_survey(amended, source)
     if increments is not None and survey.box.increments != increments:
-        raise UsageError(f"{source}: volume", expected=message("section-volume-with-one"), found=message("another-form"),
-                         remedy=message("increments-line", increments=increments))  # fmt: skip
+        raise UsageError(
+            f"{source}: volume",
+            expected=message("section-volume-with-one"),
+            found=message("another-form"),
+            remedy=message("increments-line", increments=increments),
+        )
     found = survey.plan
     if found != plan:
-        raise UsageError(f"{source}: plan", expected=message("section-plan-with-one"), found=message("another-form"),
-                         remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
+        raise UsageError(
+            f"{source}: plan",
+            expected=message("section-plan-with-one"),
+            found=message("another-form"),
+            remedy=" ".join(line.strip() for line in _settings(plan).values()),
+        )
     return amended
 
 
@@ -68,14 +79,19 @@ def without_further(new: Survey, old: Survey) -> Survey:
     survey as before; else unchanged.
     """
     names, before = new.plan.all_setups, old.plan.all_setups
-    plan = msgspec.structs.replace(new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset)
+    plan = msgspec.structs.replace(
+        new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset
+    )
     further = len(names) > len(before) and all(
-        run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before) for run in old.planned.runs
+        run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before)
+        for run in old.planned.runs
     )
     return msgspec.structs.replace(new, plan=plan) if further else new
 
 
-def as_proof(text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof) -> str:
+def as_proof(
+    text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof
+) -> str:
     """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that
     were loaded on a ``day`` as ``active``.
 
@@ -84,15 +100,28 @@ def as_proof(text: str, source: str, *, name: str, plan: Plan, active: Sequence[
     """
     settings: dict[str, Mapping[str, object]] = {
         "[survey]": {"name": name},
-        "[machine]": {"compensation": "on", "active": list(active), "active_date": day, "active_source": "stepdiag export"},
+        "[machine]": {
+            "compensation": "on",
+            "active": list(active),
+            "active_date": day,
+            "active_source": "stepdiag export",
+        },
         "[solver]": {"angles": ""},
     }
-    blocks = [block for block in _blocks(text.splitlines(keepends=True)) if not block[0].lstrip().startswith(_NOT_PROVED)]
+    blocks = [
+        block
+        for block in _blocks(text.splitlines(keepends=True))
+        if not block[0].lstrip().startswith(_NOT_PROVED)
+    ]
     for header, values in settings.items():
         if not any(block[0].strip() == header for block in blocks):
             blocks.append([f"{header}\n"])
-        blocks = [_stated(block, values) if block[0].strip() == header else block for block in blocks]
-    held = {field: getattr(proof, field) for field in proof.__struct_fields__ if getattr(proof, field)}
+        blocks = [
+            _stated(block, values) if block[0].strip() == header else block for block in blocks
+        ]
+    held = {
+        field: getattr(proof, field) for field in proof.__struct_fields__ if getattr(proof, field)
+    }
     blocks.append(_stated(["\n", "[proof]\n"], held))
     return with_plan("".join(line for block in blocks for line in block), plan, source)
 
@@ -108,7 +137,10 @@ def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
         else:
             kept.append(line if line.endswith("\n") else f"{line}\n")
     below = next(index for index, line in enumerate(kept) if HEADER.match(line)) + 1
-    written = [f"{key} = {value.isoformat() if isinstance(value, date) else json.dumps(value)}\n" for key, value in values.items()]
+    written = [
+        f"{key} = {value.isoformat() if isinstance(value, date) else json.dumps(value)}\n"
+        for key, value in values.items()
+    ]
     return [*kept[:below], *written, *kept[below:]]
 
 
@@ -123,7 +155,8 @@ def _blocks(lines: Sequence[str]) -> list[list[str]]:
 
 
 def _finer(block: Sequence[str], increments: int | None) -> list[str]:
-    """Return a section as it is, ``[volume]`` with other increments where they are given; a remark behind the number stays."""
+    """Return a section as it is, ``[volume]`` with other increments where they are given; a remark
+    behind the number stays."""
     if increments is None or block[0].strip() != VOLUME:
         return list(block)
     return [re.sub(r"^(\s*increments\s*=\s*)\d+", rf"\g<1>{increments}", line) for line in block]
@@ -145,14 +178,21 @@ def _amended(block: Sequence[str], plan: Plan) -> list[str]:
             made.append(line)
     below = next(index for index, line in enumerate(made) if line.strip() == PLAN) + 1
     missing = [line for key, line in settings.items() if getattr(plan, key) != getattr(Plan(), key)]
-    offsets = [f'{OFFSETS}\nsetup = "{one.setup}"\noffset_mm = {[float(each) for each in one.offset_mm]}\n' for one in plan.beam_offset]
+    offsets = [
+        f'{OFFSETS}\nsetup = "{one.setup}"\noffset_mm = {[float(each) for each in one.offset_mm]}\n'
+        for one in plan.beam_offset
+    ]
     end = len(made) - next((index for index, line in enumerate(reversed(made)) if line.strip()), 0)
     return [*made[:below], *missing, *made[below:end], *offsets, *made[end:]]
 
 
 def _after_settings(block: Sequence[str]) -> list[str]:
     """Return what stands behind the last setting of a section: remarks and empty lines."""
-    settings = [index for index, line in enumerate(block) if line.strip() and not line.lstrip().startswith("#")]
+    settings = [
+        index
+        for index, line in enumerate(block)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
     return list(block[settings[-1] + 1 :])
 
 

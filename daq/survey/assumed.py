@@ -41,11 +41,14 @@ def parse_uncertainty(text: str, source: str) -> Assumptions:
     document = read_toml(text, source)
     if "uncertainty" not in document:
         raise refuse(source, "uncertainty", message("table-uncertainty"), list(document))
-    return _stated(convert(document["uncertainty"], Uncertainty, source, "uncertainty"), Environment())
+    return _stated(
+        convert(document["uncertainty"], Uncertainty, source, "uncertainty"), Environment()
+    )
 
 
 def parse_tolerance(text: str, source: str) -> dict[str, float]:
-    """Return the tolerances by quantity under ``[tolerance]`` of a TOML text, as in a survey file. Raises as `parse_uncertainty`."""
+    """Return the tolerances by quantity under ``[tolerance]`` of a TOML text, as in a survey file.
+    Raises as `parse_uncertainty`."""
     document = read_toml(text, source)
     if "tolerance" not in document:
         raise refuse(source, "tolerance", "a table [tolerance]", list(document))
@@ -53,20 +56,25 @@ def parse_tolerance(text: str, source: str) -> dict[str, float]:
 
 
 def _index(section: Uncertainty, environment: Environment) -> float:
-    """Return the relative standard uncertainty of index and wavelength: from the certificates where they are stated, else as assumed."""
+    """Return the relative standard uncertainty of index and wavelength: from the certificates where
+    they are stated, else as assumed."""
     sensors = AirUncertainty(
         temperature_c=section.u_air_temperature_c,
         pressure_hpa=section.u_air_pressure_hpa,
         humidity_percent=section.u_relative_humidity_percent,
     )
-    if not any((sensors.temperature_c, sensors.pressure_hpa, sensors.humidity_percent, section.u_laser_ppm)):
+    if not any(
+        (sensors.temperature_c, sensors.pressure_hpa, sensors.humidity_percent, section.u_laser_ppm)
+    ):
         return 1e-6 * section.index_ppm
     air = Air(
         temperature_c=np.array([environment.air_temperature_c]),
         pressure_hpa=np.array([environment.air_pressure_hpa]),
         humidity_percent=np.array([environment.relative_humidity_percent]),
     )
-    return float(np.hypot(index_u(air, VACUUM_WAVELENGTH_NM, sensors)[0], 1e-6 * section.u_laser_ppm))
+    return float(
+        np.hypot(index_u(air, VACUUM_WAVELENGTH_NM, sensors)[0], 1e-6 * section.u_laser_ppm)
+    )
 
 
 def _stated(section: Uncertainty, environment: Environment) -> Assumptions:

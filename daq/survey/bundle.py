@@ -1,4 +1,5 @@
-"""The files a survey names, kept with its logs: profiles, the tables that profiles name, angles, the head's calibration.
+"""The files a survey names, kept with its logs: profiles, the tables that profiles name, angles,
+the head's calibration.
 
 A replay must not depend on files that have changed since; so they stand in the log, unchanged.
 """
@@ -18,7 +19,8 @@ from stepdiag.daq.survey.models import Survey
 PREFIX = "file:"
 """Marks a file among the entries of a log's ``stepdiag.run``."""
 MAX_BUNDLE_BYTES = 32_000_000
-"""All files together: in base64 they must stay below what the reader of a log takes for one record (`daq.log.reader`)."""
+"""All files together: in base64 they must stay below what the reader of a log takes for one record
+(`daq.log.reader`)."""
 
 
 def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
@@ -47,7 +49,9 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
 def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
     """Return the table files of a profile by the names that the profile uses."""
     prefix = f"{profile}//"
-    return {name.removeprefix(prefix): data for name, data in bundle.items() if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): data for name, data in bundle.items() if name.startswith(prefix)
+    }
 
 
 def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
@@ -57,7 +61,9 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
     Raises DataError for a bundle without a file that the survey names.
     """
     machine = survey.machine
-    return stated(machine.compensation, active_in(survey, bundle), machine.active_date, machine.active_source)
+    return stated(
+        machine.compensation, active_in(survey, bundle), machine.active_date, machine.active_source
+    )
 
 
 def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
@@ -71,7 +77,8 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
-    """Return ``compensation-unanswered`` where the survey does not state what is active in the control."""
+    """Return ``compensation-unanswered`` where the survey does not state what is active in the
+    control."""
     if survey.machine.compensation in ("off", "on"):
         return ()
     text = message("compensation-unanswered")
@@ -80,19 +87,29 @@ def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
 
 def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:
     """Return the bundle as entries of a log's metadata."""
-    return {f"{PREFIX}{name}": base64.b64encode(data).decode("ascii") for name, data in bundle.items()}
+    return {
+        f"{PREFIX}{name}": base64.b64encode(data).decode("ascii") for name, data in bundle.items()
+    }
 
 
 def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
     """Return the bundle from a log's metadata. Raises DataError where an entry is damaged."""
     try:
-        found = {key.removeprefix(PREFIX): base64.b64decode(text, validate=True) for key, text in run.items() if key.startswith(PREFIX)}
+        found = {
+            key.removeprefix(PREFIX): base64.b64decode(text, validate=True)
+            for key, text in run.items()
+            if key.startswith(PREFIX)
+        }
     except ValueError as error:  # binascii.Error, or letters that base64 has not
-        raise DataError(source, expected=message("survey-s-files-base64"), found=str(error)) from error
+        raise DataError(
+            source, expected=message("survey-s-files-base64"), found=str(error)
+        ) from error
     large = [name for name, data in found.items() if len(data) > LARGEST_TABLE_BYTES]
     if large:
         raise DataError(
-            f"{source}: {large[0]}", expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES), found=message("found-more")
+            f"{source}: {large[0]}",
+            expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES),
+            found=message("found-more"),
         )
     return found
 
@@ -113,11 +130,21 @@ def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
     """Refuse a bundle that would make an unreadable log."""
     size = sum(map(len, bundle.values()))
     if size > MAX_BUNDLE_BYTES:
-        raise UsageError(source, expected=message("at-most-bytes-all", max_bundle_bytes=MAX_BUNDLE_BYTES), found=str(size))
+        raise UsageError(
+            source,
+            expected=message("at-most-bytes-all", max_bundle_bytes=MAX_BUNDLE_BYTES),
+            found=str(size),
+        )
 
 
 def _read(path: Path, source: str) -> bytes:
-    return read_bytes(path, source, largest=LARGEST_TABLE_BYTES, expected=message("readable-file-of", name=path.name), blame=UsageError)
+    return read_bytes(
+        path,
+        source,
+        largest=LARGEST_TABLE_BYTES,
+        expected=message("readable-file-of", name=path.name),
+        blame=UsageError,
+    )
 
 
 def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:

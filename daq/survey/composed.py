@@ -45,7 +45,8 @@ class MachineClass:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 stands for that of its protocol."""
+    """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 stands for that of
+    its protocol."""
 
     name: str
     machine: str
@@ -87,8 +88,9 @@ def begun(usual: MachineClass, source: str) -> str:
 
 
 def _advised() -> str:
-    """Return the template with what a new survey is advised, and a file without it is not: other orders of axes for repeats, and targets of
-    their own for linear runs, which show the waves of a screw."""
+    """Return the template with what a new survey is advised, and a file without it is not: other
+    orders of axes for repeats, and targets of their own for linear runs, which show the waves of a
+    screw."""
     text = template()
     for line in _ADVISED:
         text = text.replace(f"\n#{line}\n", f"\n{line}\n")
@@ -96,27 +98,47 @@ def _advised() -> str:
 
 
 def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
-    """Return the number of increments next to `USUAL` whose steps are whole micrometres, as a program states them, and in step with no
-    screw of a pitch; in step where there is no other."""
+    """Return the number of increments next to `USUAL` whose steps are whole micrometres, as a
+    program states them, and in step with no screw of a pitch; in step where there is no other."""
     size = list(size_mm)
     usual = sorted(range(LEAST, MOST + 1), key=lambda n: (abs(n - USUAL), -n))
-    whole = [n for n in usual if all(abs(edge_mm / n - round(edge_mm / n, 3)) < _ROUNDING_MM for edge_mm in size)]
-    return next((n for n in whole if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in size)), (whole or [USUAL])[0])
+    whole = [
+        n
+        for n in usual
+        if all(abs(edge_mm / n - round(edge_mm / n, 3)) < _ROUNDING_MM for edge_mm in size)
+    ]
+    return next(
+        (n for n in whole if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in size)),
+        (whole or [USUAL])[0],
+    )
 
 
 def plc_section(control: str, host: str, tcp_port: int) -> str:
-    """Return the text below ``[plc]`` for a control at a host; ``tcp_port`` 0 stands for that of its protocol."""
+    """Return the text below ``[plc]`` for a control at a host; ``tcp_port`` 0 stands for that of
+    its protocol."""
     section = control_section(control, host)
     line = f"host = {_quoted(host)}\n"
-    return section.replace(f'host = "{host}"\n', f"{line}port = {tcp_port}\n" if tcp_port else line, 1)
+    return section.replace(
+        f'host = "{host}"\n', f"{line}port = {tcp_port}\n" if tcp_port else line, 1
+    )
 
 
 def _plc(answers: Answers) -> str:
-    return _SILENT if answers.control == "none" else plc_section(answers.control, answers.host, answers.tcp_port)
+    return (
+        _SILENT
+        if answers.control == "none"
+        else plc_section(answers.control, answers.host, answers.tcp_port)
+    )
 
 
 def _settings(answers: Answers) -> list[tuple[str, str, str]]:
-    air = "laser" if answers.laser_format in OWN_AIR else "fixed" if answers.control in _WITHOUT_AIR else "plc"
+    air = (
+        "laser"
+        if answers.laser_format in OWN_AIR
+        else "fixed"
+        if answers.control in _WITHOUT_AIR
+        else "plc"
+    )
     return [
         ("survey", "name", _quoted(answers.name)),
         ("survey", "machine", _quoted(answers.machine)),

@@ -10,7 +10,8 @@ NAMES = (*AIR, "material_temperature_c")
 
 
 def parse_environment(text: str, source: str) -> dict[str, float]:
-    """Return the conditions that a TOML text states, by name: under ``[environment]``, as in a survey file, or alone.
+    """Return the conditions that a TOML text states, by name: under ``[environment]``, as in a
+    survey file, or alone.
 
     A condition that it does not name stays as recorded. Raises UsageError for unknown names,
     impossible values, or an empty text.

@@ -5,7 +5,8 @@
     laser_decoder(survey)        a fresh decoder of the laser's stream
     head_decoder(survey)         a fresh decoder of the 4-DOF head's stream
 
-The sections are structs of `daq.survey.models`; the commented file is `daq.survey.template.template`.
+The sections are structs of `daq.survey.models`; the commented file is
+`daq.survey.template.template`.
 """
 
 from pathlib import Path
@@ -32,16 +33,25 @@ def load_survey(path: Path) -> Survey:
     survey = parse_survey(read_text(path), str(path.name))
     if survey.page.token:
         raise UsageError(
-            f"{path.name}: page.token", expected=message("no-secret-every-log"), found=message("a-token"),
+            f"{path.name}: page.token",
+            expected=message("no-secret-every-log"),
+            found=message("a-token"),
             remedy=message("write-another-one-into"),
-        )  # fmt: skip
+        )
     for field, name in _named_files(survey):
         if not (path.parent / name).is_file():
             found = message("no-file-beside", name=name, name_2=path.name)
-            raise UsageError(f"{path.name}: {field}", expected=message("file-exists"), found=found, remedy=message("paths-are-seen-from"))
+            raise UsageError(
+                f"{path.name}: {field}",
+                expected=message("file-exists"),
+                found=found,
+                remedy=message("paths-are-seen-from"),
+            )
     if survey.head is not None and survey.head.calibration:
         name = survey.head.calibration
-        data = read_bytes(path.parent / name, name, largest=LARGEST_SETTINGS_BYTES, blame=UsageError)
+        data = read_bytes(
+            path.parent / name, name, largest=LARGEST_SETTINGS_BYTES, blame=UsageError
+        )
         require_owner(parse_head_file(data, name), survey.head, name)
     return survey
 
@@ -56,16 +66,29 @@ def parse_survey(text: str, source: str) -> Survey:
 def read_text(path: Path) -> str:
     """Return the text of a survey file, byte for byte as it goes into the log."""
     remedy = message("init-writes-one")
-    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected=message("a-survey-file"), remedy=remedy, blame=UsageError)
+    data = read_bytes(
+        path,
+        largest=LARGEST_SETTINGS_BYTES,
+        expected=message("a-survey-file"),
+        remedy=remedy,
+        blame=UsageError,
+    )
     return as_text(data, str(path), UsageError)
 
 
 def _named_files(survey: Survey) -> list[tuple[str, str]]:
-    named = [(f"export[{index}].profile", export.profile) for index, export in enumerate(survey.exports)]
+    named = [
+        (f"export[{index}].profile", export.profile) for index, export in enumerate(survey.exports)
+    ]
     named.append(("solver.angles", survey.solver.angles))
     if survey.proof is not None:
-        named += [(f"proof.{field}", getattr(survey.proof, field)) for field in ("result", "readings", "profile")]
-    named += [(f"machine.active[{index}]", name) for index, name in enumerate(survey.machine.active)]
+        named += [
+            (f"proof.{field}", getattr(survey.proof, field))
+            for field in ("result", "readings", "profile")
+        ]
+    named += [
+        (f"machine.active[{index}]", name) for index, name in enumerate(survey.machine.active)
+    ]
     if survey.head is not None:
         named.append(("head.calibration", survey.head.calibration))
     return [(field, name) for field, name in named if name]

@@ -29,7 +29,9 @@ sensors.
 
 def laser_decoder(survey: Survey) -> Decoder:
     """Return a fresh decoder of the laser's stream."""
-    return make_decoder(survey.laser.format, laser_settings(survey.laser, air=survey.environment.source == "laser"))
+    return make_decoder(
+        survey.laser.format, laser_settings(survey.laser, air=survey.environment.source == "laser")
+    )
 
 
 def head_decoder(survey: Survey) -> Decoder:
@@ -40,7 +42,8 @@ def head_decoder(survey: Survey) -> Decoder:
 
 
 def air_decoder(survey: Survey) -> Decoder:
-    """Return a fresh decoder of the stream of the sensor of air and material; the survey has one."""
+    """Return a fresh decoder of the stream of the sensor of air and material; the survey has
+    one."""
     if survey.air_sensor is None:
         raise ValueError("a survey without [environment.sensor] has no stream of one")
     return make_decoder(survey.air_sensor.format, air_settings(survey.air_sensor))
@@ -57,14 +60,20 @@ def decoders(survey: Survey) -> dict[Stream, Decoder]:
 
 
 def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
-    """Return the settings of the laser's format; that a table which the format needs is there has been checked. ``air``: asked too."""
+    """Return the settings of the laser's format; that a table which the format needs is there has
+    been checked. ``air``: asked too."""
     common: dict[str, Any] = {"sign": laser.sign, "latency_s": laser.latency_s}
     if laser.format == "ids3010":
         return Ids3010Settings(**msgspec.structs.asdict(laser.ids3010), **common, air=air)
     if laser.format == "lasertex":
         return LasertexSettings(**msgspec.structs.asdict(laser.lasertex), **common)
     if laser.format == "qudis":
-        return QudisSettings(axis=laser.qudis.axis, average=laser.qudis.average, absolute=laser.qudis.absolute, **common)
+        return QudisSettings(
+            axis=laser.qudis.axis,
+            average=laser.qudis.average,
+            absolute=laser.qudis.absolute,
+            **common,
+        )
     if laser.format == "umd":
         return UmdSettings(
             axis=laser.umd.axis,
@@ -113,7 +122,12 @@ def head_settings(head: Head) -> FormatSettings:
     """Return the settings of the head's format."""
     if head.format == "tqd":
         tqd = head.tqd
-        return TqdSettings(poll_hz=tqd.poll_hz, full_sum_v=tqd.full_sum_v, beam_threshold=tqd.beam_threshold, latency_s=head.latency_s)
+        return TqdSettings(
+            poll_hz=tqd.poll_hz,
+            full_sum_v=tqd.full_sum_v,
+            beam_threshold=tqd.beam_threshold,
+            latency_s=head.latency_s,
+        )
     if head.angular:
         return _angles(head)
     frames = head.fourdof
@@ -134,7 +148,11 @@ def promised(survey: Survey) -> tuple[str, ...]:
         return quantities_in(air_pattern(survey.air_sensor))
     if survey.environment.source != "laser":
         return ()
-    return tuple(name for name in LASER_TELLS.get(survey.laser.format, ()) if name not in survey.plc.signal_names)
+    return tuple(
+        name
+        for name in LASER_TELLS.get(survey.laser.format, ())
+        if name not in survey.plc.signal_names
+    )
 
 
 def air_pattern(sensor: AirSensor) -> str:
@@ -143,7 +161,8 @@ def air_pattern(sensor: AirSensor) -> str:
 
 
 def air_settings(sensor: AirSensor) -> AirSettings:
-    """Return how the sensor of air and material is read: a PTU300 is asked as it comes from the maker."""
+    """Return how the sensor of air and material is read: a PTU300 is asked as it comes from the
+    maker."""
     return AirSettings(
         pattern=air_pattern(sensor),
         temperature_unit=sensor.temperature_unit,

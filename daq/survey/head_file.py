@@ -30,27 +30,41 @@ AxisName = Literal["x", "y"]
 CURVES = ("qd.x", "qd.y", "psd1.x", "psd1.y", "psd2.x", "psd2.y")
 """The names of the detectors' curves."""
 CALIBRATED = (
-    *CURVES, "qd.rotation_mrad", "psd1.rotation_mrad", "psd2.rotation_mrad", "qd.dark", "psd1.dark", "psd2.dark", "light", "lever",
-    "crosstalk.psd1_leak", "crosstalk.psd2_leak", "crosstalk.qd_gain_per_m",
-)  # fmt: skip
+    *CURVES,
+    "qd.rotation_mrad",
+    "psd1.rotation_mrad",
+    "psd2.rotation_mrad",
+    "qd.dark",
+    "psd1.dark",
+    "psd2.dark",
+    "light",
+    "lever",
+    "crosstalk.psd1_leak",
+    "crosstalk.psd2_leak",
+    "crosstalk.qd_gain_per_m",
+)
 """Every field that a command measures."""
 QD_CALIBRATED = ("qd.x", "qd.y")
 """Those without which a quadrant detector alone gives nothing."""
 
 
 class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
-    """One axis of a detector: its sign and the curve from the normalised reading to the shift of the spot."""
+    """One axis of a detector: its sign and the curve from the normalised reading to the shift of
+    the spot."""
 
     sign: Literal[1, -1] = 1
     kind: Literal["polynomial", "erf"] = "polynomial"
-    coefficients_um: Annotated[tuple[float, ...], Meta(min_length=1, max_length=MOST_COEFFICIENTS)] = (0.0, 1000.0)
+    coefficients_um: Annotated[
+        tuple[float, ...], Meta(min_length=1, max_length=MOST_COEFFICIENTS)
+    ] = (0.0, 1000.0)
     low: Annotated[float, Meta(ge=-1, lt=1)] = -1.0
     high: Annotated[float, Meta(gt=-1, le=1)] = 1.0
     u_um: NotNegative = 0.0
 
 
 class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
-    """Curves, limits of the sum, roll, and ``dark``: difference x, difference y and sum without light."""
+    """Curves, limits of the sum, roll, and ``dark``: difference x, difference y and sum without
+    light."""
 
     x: AxisTable | None = None
     y: AxisTable | None = None
@@ -61,16 +75,19 @@ class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The sums of QD, PSD1 and PSD2 under the same light, and by which share a sum may leave the others before its spot is clipped."""
+    """The sums of QD, PSD1 and PSD2 under the same light, and by which share a sum may leave the
+    others before its spot is clipped."""
 
     sums: tuple[Positive, Positive, Positive]
     within: Annotated[float, Meta(gt=0, le=0.5)]
 
 
 class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to the target.
+    """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to
+    the target.
 
-    Its standard uncertainty is ``u_mm`` at ``u_at_mm`` of distance, where what is uncertain about the scale (``u_scale``) turns the line.
+    Its standard uncertainty is ``u_mm`` at ``u_at_mm`` of distance, where what is uncertain about
+    the scale (``u_scale``) turns the line.
     """
 
     dead_path_mm: float = 0.0
@@ -80,13 +97,15 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
     u_scale: NotNegative = 0.0
 
     def u_at(self, distance_mm: Vector) -> Vector:
-        """Return the lever's standard uncertainty in mm at each distance, shape like ``distance_mm``."""
+        """Return the lever's standard uncertainty in mm at each distance, shape like
+        ``distance_mm``."""
         u: Vector = np.hypot(self.u_mm, self.u_scale * (distance_mm - self.u_at_mm))
         return u
 
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The corrections of the solver (`fourdof.head.Crosstalk`). The place of the cube is a statement: zero is none."""
+    """The corrections of the solver (`fourdof.head.Crosstalk`). The place of the cube is a
+    statement: zero is none."""
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     psd1_leak: Pair | None = None
@@ -103,7 +122,8 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class UncertaintyTable(msgspec.Struct, frozen=True, kw_only=True):
-    """Standard uncertainties of the fields of a commissioning, and their correlations, row by row below the diagonal."""
+    """Standard uncertainties of the fields of a commissioning, and their correlations, row by row
+    below the diagonal."""
 
     of: tuple[str, ...] = ()
     u: tuple[NotNegative, ...] = ()
@@ -163,14 +183,19 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, **{detector: changed})
 
     def with_measured(self, by: str, on: str, *names: str) -> "HeadFile":
-        """Return the file with what measured these fields, and when; uncertainties of a commissioning before them are gone."""
+        """Return the file with what measured these fields, and when; uncertainties of a
+        commissioning before them are gone."""
         measured = {**self.measured, **{name: Measured(by=by, on=on) for name in names}}
         return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
         """Return the fields not measured yet; of a file of version 1 the curves alone."""
         tables = msgspec.to_builtins(self)
-        return [name for name in names if _at(tables, name) is None and (self.head.version > 1 or name in CURVES)]
+        return [
+            name
+            for name in names
+            if _at(tables, name) is None and (self.head.version > 1 or name in CURVES)
+        ]
 
 
 def require_measured(file: HeadFile, source: str, names: Sequence[str] | None = None) -> None:
@@ -205,9 +230,17 @@ def parse_head_file(data: bytes, source: str) -> HeadFile:
     for name in CURVES:
         axis = file.curve(name)
         if axis is not None and not np.isfinite(axis.coefficients_um).all():
-            raise UsageError(f"{source}: {name}.coefficients_um", expected=message("a-number"), found=str(list(axis.coefficients_um)))
+            raise UsageError(
+                f"{source}: {name}.coefficients_um",
+                expected=message("a-number"),
+                found=str(list(axis.coefficients_um)),
+            )
         if axis is not None and axis.low >= axis.high:
-            raise UsageError(f"{source}: {name}.high", expected=message("more-than-low", low=axis.low), found=f"{axis.high:g}")
+            raise UsageError(
+                f"{source}: {name}.high",
+                expected=message("more-than-low", low=axis.low),
+                found=f"{axis.high:g}",
+            )
     return file
 
 
@@ -221,14 +254,24 @@ def _check_date(day: str, where: str) -> None:
 def _check_uncertainty(table: UncertaintyTable, where: str) -> None:
     """Raise UsageError unless u and correlation belong to the fields and make a covariance."""
     count = len(table.of)
-    for field, values, needed in (("u", table.u, count), ("correlation", table.correlation, count * (count - 1) // 2)):
+    for field, values, needed in (
+        ("u", table.u, count),
+        ("correlation", table.correlation, count * (count - 1) // 2),
+    ):
         if len(values) != needed:
-            raise UsageError(f"{where}.{field}", expected=message("values-count", count=needed), found=str(len(values)))
+            raise UsageError(
+                f"{where}.{field}",
+                expected=message("values-count", count=needed),
+                found=str(len(values)),
+            )
 
 
 def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
     """Raise DataError unless the file belongs to the head that the survey names."""
-    for field, of_file, of_survey in (("id", file.head.id, section.id), ("format", file.head.format, section.format)):
+    for field, of_file, of_survey in (
+        ("id", file.head.id, section.id),
+        ("format", file.head.format, section.format),
+    ):
         if of_file != of_survey:
             raise DataError(
                 f"{source}: head.{field}",
@@ -242,7 +285,13 @@ def render_head_file(file: HeadFile) -> str:
     """Return the file as text (TOML, LF): the same bytes for the same calibration. Raises
     UsageError for a file that its reader refuses.
     """
-    lines = ["# Calibration of a 4-DOF head (docs/fourdof.md). Curves: shift of the spot in um over difference / sum.", ""]
+    lines = [
+        (
+            "# Calibration of a 4-DOF head (docs/fourdof.md). Curves: shift of the spot in um over "
+            "difference / sum."
+        ),
+        "",
+    ]
     lines += _table("head", file.head)
     lines += _table("lever", file.lever)
     for name in get_args(DetectorName):
@@ -265,7 +314,11 @@ def _table(name: str, table: msgspec.Struct | None) -> list[str]:
     if table is None:
         return []
     fields = msgspec.structs.asdict(table)
-    plain = {key: value for key, value in fields.items() if value is not None and not isinstance(value, msgspec.Struct)}
+    plain = {
+        key: value
+        for key, value in fields.items()
+        if value is not None and not isinstance(value, msgspec.Struct)
+    }
     return [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in plain.items()), ""]
 
 
@@ -273,6 +326,12 @@ def _value(value: object) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(map(_value, value)) + "]"
     if isinstance(value, float):
-        return repr(float(value))  # all its digits; numpy writes its own name before those of its floats
+        return repr(
+            float(value)
+        )  # all its digits; numpy writes its own name before those of its floats
     # a JSON text is a TOML text, but for DEL
-    return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f") if isinstance(value, str) else repr(value)
+    return (
+        msgspec.json.encode(value).decode().replace("\x7f", "\\u007f")
+        if isinstance(value, str)
+        else repr(value)
+    )

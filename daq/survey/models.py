@@ -18,19 +18,30 @@ from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.readings import runs
 from stepdiag.base.volume import MOST_INCREMENTS, Volume
 from stepdiag.daq.formats.expressions import Expression, Kind, parse_expression
-from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SIGNAL_NAMES, SignalMap, SignalSpec, describe
+from stepdiag.daq.formats.signals import (
+    CONTRACT_SIGNALS,
+    SIGNAL_NAMES,
+    SignalMap,
+    SignalSpec,
+    describe,
+)
 from stepdiag.daq.records.events import Table
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Assumed = Annotated[float, Meta(ge=0, le=10_000)]
 Stated = Annotated[float, Meta(gt=0, le=10_000)]
-"""Sizes of causes in um, urad, C or their like: beyond ten millimetres it is no machine, and beyond a hundred metres no sum is exact."""
+"""Sizes of causes in um, urad, C or their like: beyond ten millimetres it is no machine, and beyond
+a hundred metres no sum is exact."""
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
 Line = Annotated[
     str,
-    Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one-line-of-text"),
+    Meta(
+        max_length=200,
+        pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z",
+        description="one-line-of-text",
+    ),
 ]
 """A text that the report shows in a single line cannot become several lines."""
 Displacement = Literal["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"]
@@ -46,7 +57,12 @@ FileName = Annotated[
     ),
 ]
 """A name that is safe as a folder on any file system."""
-HostName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="name-of-computer")]
+HostName = Annotated[
+    str,
+    Meta(
+        pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="name-of-computer"
+    ),
+]
 BesideFile = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")]
 
 
@@ -106,7 +122,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def all_setups(self) -> tuple[str, ...]:
-        """Return the setups in the order they are driven: what lies on another line follows what stands already."""
+        """Return the setups in the order they are driven: what lies on another line follows what
+        stands already."""
         bases = dict.fromkeys((*self.setups, *(offset.setup for offset in self.beam_offset)))
         named = [*self.setups, *self.offsets_mm]
         return tuple(name for base in bases for name in named if name.partition("+")[0] == base)
@@ -123,7 +140,8 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     apply_expansion: bool = False
     laser_on: Literal["table", "spindle"] = "table"
     compensation: Literal["off", "on", "?"] | None = None
-    """None in a file that was written before the question was asked; ``"?"`` where it stands unanswered."""
+    """None in a file that was written before the question was asked; ``"?"`` where it stands
+    unanswered."""
     active: tuple[BesideFile, ...] = ()
     active_date: date | None = None
     active_source: str = ""
@@ -328,17 +346,24 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def signals(self) -> SignalMap:
-        """Return what is read: the signals and inputs of the file, the contract's block where a Modbus control's names none."""
+        """Return what is read: the signals and inputs of the file, the contract's block where a
+        Modbus control's names none."""
         if self.silent:
             return {}
-        return {**self.own_signals, **self.inputs} or ({} if self.transport in ("s7", "lsv2") else CONTRACT_SIGNALS)
+        return {**self.own_signals, **self.inputs} or (
+            {} if self.transport in ("s7", "lsv2") else CONTRACT_SIGNALS
+        )
 
     @property
     def signal_names(self) -> tuple[str, ...]:
         """Return the names of this machine's signals, direct or by an expression, in the order of
         the contract's block.
         """
-        return tuple(name for name in SIGNAL_NAMES if name in self.expressions or (name in self.signals and name not in self.inputs))
+        return tuple(
+            name
+            for name in SIGNAL_NAMES
+            if name in self.expressions or (name in self.signals and name not in self.inputs)
+        )
 
     def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
         """Return the expressions, parsed. Raises as `expression`."""
@@ -348,17 +373,24 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         """Return the expression of a signal. Raises UsageError that points at the first character
         not understood.
         """
-        kinds: dict[str, Kind] = {each: "bit" if spec.type == "bit" else "word" for each, spec in self.inputs.items()}
+        kinds: dict[str, Kind] = {
+            each: "bit" if spec.type == "bit" else "word" for each, spec in self.inputs.items()
+        }
         return parse_expression(self.expressions[name], kinds, f"{source}: plc.expressions.{name}")
 
     def place(self, name: str) -> str:
-        """Return where a signal comes from, as a person writes it: ``holding 2 bit 0``, or its expression."""
+        """Return where a signal comes from, as a person writes it: ``holding 2 bit 0``, or its
+        expression."""
         return self.expressions[name] if name in self.expressions else describe(self.signals[name])
 
     @property
     def standing(self) -> frozenset[str]:
         """Return the names of the values that show whether the machine stands."""
-        return self.parsed()["stopped"].names if "stopped" in self.expressions else frozenset(["stopped"])
+        return (
+            self.parsed()["stopped"].names
+            if "stopped" in self.expressions
+            else frozenset(["stopped"])
+        )
 
 
 class StopRules(msgspec.Struct, frozen=True, kw_only=True):
@@ -430,7 +462,8 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitudes allowed; None and no entry where none is stated. The meaning stands in `stepdiag.base.conformity`."""
+    """The largest magnitudes allowed; None and no entry where none is stated. The meaning stands in
+    `stepdiag.base.conformity`."""
 
     volumetric_rms_um: Stated | None = None
     volumetric_largest_um: Stated | None = None
@@ -442,8 +475,19 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     def by_quantity(self) -> dict[str, float]:
         """Return what is stated, functions by their symbols."""
-        single = {name: value for name, value in msgspec.structs.asdict(self).items() if isinstance(value, float)}
-        return {**single, **{str(name): value for part in (self.functions_um, self.functions_urad) for name, value in part.items()}}
+        single = {
+            name: value
+            for name, value in msgspec.structs.asdict(self).items()
+            if isinstance(value, float)
+        }
+        return {
+            **single,
+            **{
+                str(name): value
+                for part in (self.functions_um, self.functions_urad)
+                for name, value in part.items()
+            },
+        }
 
 
 class Export(msgspec.Struct, frozen=True, kw_only=True):
@@ -468,7 +512,8 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     port: Port = 8420
     token: str = ""
-    """Only in logs of older versions; a survey file with a token is refused, as every log would carry it."""
+    """Only in logs of older versions; a survey file with a token is refused, as every log would
+    carry it."""
     token_file: str = ""
     names: tuple[HostName, ...] = ()
     certificate: str = ""
@@ -501,7 +546,8 @@ class Metrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Survey(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole file. ``[survey]`` is ``identity`` here, ``[volume]`` is ``box``, ``[[export]]`` is ``exports``."""
+    """The whole file. ``[survey]`` is ``identity`` here, ``[volume]`` is ``box``, ``[[export]]`` is
+    ``exports``."""
 
     identity: Identity = msgspec.field(name="survey")
     box: VolumeSection = msgspec.field(name="volume")
@@ -525,7 +571,9 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def volume(self) -> Volume:
         """Return the volume in the solver's form."""
-        return Volume(origin_mm=self.box.origin_mm, size_mm=self.box.size_mm, increments=self.box.increments)
+        return Volume(
+            origin_mm=self.box.origin_mm, size_mm=self.box.size_mm, increments=self.box.increments
+        )
 
     @property
     def air_sensor(self) -> AirSensor | None:
@@ -559,5 +607,6 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
         return self.box.axis_order
 
     def folder(self, survey_file: Path) -> Path:
-        """Return where logs and results of this survey go: ``<directory>/<name>`` seen from the survey file."""
+        """Return where logs and results of this survey go: ``<directory>/<name>`` seen from the
+        survey file."""
         return survey_file.parent / self.identity.directory / self.identity.name

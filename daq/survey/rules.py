@@ -10,7 +10,16 @@ from stepdiag.base.settings import refuse, unknown_key
 from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_of
 from stepdiag.base.volume import reads_like_metres
 from stepdiag.daq.formats.instruments.line import line_pattern
-from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
+from stepdiag.daq.formats.signals import (
+    COUNTED,
+    SIGNAL_NAMES,
+    SWITCHED,
+    SignalMap,
+    SignalSpec,
+    describe,
+    plan_reads,
+    registers,
+)
 from stepdiag.daq.links.ports.address import can_be_host, network_line
 from stepdiag.daq.survey.formats import air_settings, laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
@@ -29,7 +38,8 @@ _TABLES = {
 _ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
 _MAPS = {"s7": message("map-of-s7"), "lsv2": message("map-of-lsv2")}
 LONGEST_PATH, LONGEST_NAME = 2000, 255
-"""Of a folder, in bytes: what file systems and the kernel take (PATH_MAX 4096, NAME_MAX 255), with room for what is put below."""
+"""Of a folder, in bytes: what file systems and the kernel take (PATH_MAX 4096, NAME_MAX 255), with
+room for what is put below."""
 MOST_SHOWN = 100
 _TELL_AIR = ("ids3010", "lasertex")
 """Formats of lasers whose own sensors of air and material are read."""
@@ -46,7 +56,13 @@ def check(survey: Survey, source: str) -> None:
 
 def _volume(survey: Survey, source: str) -> Iterator[UsageError]:
     if reads_like_metres(survey.box.size_mm):
-        yield refuse(source, "volume.size_mm", message("lengths-mm"), list(survey.box.size_mm), message("reads-like-metres"))
+        yield refuse(
+            source,
+            "volume.size_mm",
+            message("lengths-mm"),
+            list(survey.box.size_mm),
+            message("reads-like-metres"),
+        )
 
 
 def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -58,14 +74,26 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
         if setup not in DRIVEN_SETUPS:
             yield unknown_key(source, field, setup, list(DRIVEN_SETUPS))
         if setup in setups[:index]:
-            yield refuse(source, field, message("every-setup-once"), setup, message("use-plan-repeats-drive"))
+            yield refuse(
+                source, field, message("every-setup-once"), setup, message("use-plan-repeats-drive")
+            )
         if setup in FOURDOF_RUNS and survey.head is None:
             yield refuse(source, field, message("head-section-needed"), setup)
         if setup in FOURDOF_RUNS and survey.head is not None and survey.head.angular:
             yield from _turns(survey.head, setup, source)
-        elif setup in FOURDOF_RUNS and survey.head is not None and not (survey.head.id and survey.head.calibration):
+        elif (
+            setup in FOURDOF_RUNS
+            and survey.head is not None
+            and not (survey.head.id and survey.head.calibration)
+        ):
             remedy = message("stepdiag-fourdof-calibrate-writes")
-            yield refuse(source, "head.calibration", message("head-s-id-calibration"), survey.head.calibration, remedy)
+            yield refuse(
+                source,
+                "head.calibration",
+                message("head-s-id-calibration"),
+                survey.head.calibration,
+                remedy,
+            )
     yield from _lines(survey, source)
 
 
@@ -74,9 +102,17 @@ def _lines(survey: Survey, source: str) -> Iterator[UsageError]:
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
-            yield refuse(source, field, message("beam-shifted"), list(offset.offset_mm), message("name-setup-plan-setups"))
+            yield refuse(
+                source,
+                field,
+                message("beam-shifted"),
+                list(offset.offset_mm),
+                message("name-setup-plan-setups"),
+            )
         if offset.setup not in SETUP_NAMES:
-            yield unknown_key(source, f"plan.beam_offset[{index}].setup", offset.setup, list(SETUP_NAMES))
+            yield unknown_key(
+                source, f"plan.beam_offset[{index}].setup", offset.setup, list(SETUP_NAMES)
+            )
         signs, size = setup_of(offset.setup).signs, survey.box.size_mm
         for axis, sign, shift_mm, edge_mm in zip(AXES, signs, offset.offset_mm, size, strict=True):
             if not sign and not 0.0 <= shift_mm <= edge_mm:
@@ -92,14 +128,21 @@ def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
     field, letters = f"head.angles.{axis}", [turn[1] for turn in turns]
     if not turns or len(turns) > 2 or len(set(letters)) != len(letters):
         remedy = message("such-c-b-first")
-        yield refuse(source, field, message("rotation-each-reading-tells", setup=setup), list(turns), remedy)
+        yield refuse(
+            source, field, message("rotation-each-reading-tells", setup=setup), list(turns), remedy
+        )
     if head.format == "elcomat" and own in letters:
         yield refuse(source, field, message("no-autocollimator-does-not", own=own), list(turns))
 
 
 def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Judge what would end the daemon later, with an error of Python's own: names of hosts and folders that no system takes."""
-    for field, host in (("plc.host", survey.plc.host), ("page.host", survey.page.host), ("metrics.host", survey.metrics.host)):
+    """Judge what would end the daemon later, with an error of Python's own: names of hosts and
+    folders that no system takes."""
+    for field, host in (
+        ("plc.host", survey.plc.host),
+        ("page.host", survey.page.host),
+        ("metrics.host", survey.metrics.host),
+    ):
         if not can_be_host(host):
             yield refuse(source, field, message("name-or-address"), host[:MOST_SHOWN])
     directory = survey.identity.directory
@@ -108,7 +151,9 @@ def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
         or len(directory.encode()) > LONGEST_PATH
         or any(len(part.encode()) > LONGEST_NAME for part in directory.split("/"))
     ):
-        expected = message("path-at-most-bytes", longest_path=LONGEST_PATH, longest_name=LONGEST_NAME)
+        expected = message(
+            "path-at-most-bytes", longest_path=LONGEST_PATH, longest_name=LONGEST_NAME
+        )
         yield refuse(source, "survey.directory", expected, directory[:MOST_SHOWN])
 
 
@@ -124,17 +169,36 @@ def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
         if machine.active_date is None:
             yield refuse(source, "machine.active_date", message("day-on-which-active"), None)
         if not machine.active_source.strip():
-            yield refuse(source, "machine.active_source", message("how-active-files-were"), machine.active_source)
+            yield refuse(
+                source,
+                "machine.active_source",
+                message("how-active-files-were"),
+                machine.active_source,
+            )
     elif machine.compensation == "off" and machine.active:
-        yield refuse(source, "machine.active", message("no-file-for-compensation"), list(machine.active))
+        yield refuse(
+            source, "machine.active", message("no-file-for-compensation"), list(machine.active)
+        )
 
 
 def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
     laser = survey.laser
     if laser.format == "frames" and laser.frames is None:
-        yield refuse(source, "laser.frames", message("table-for-format-frames"), None, message("add-laser-frames-with"))
+        yield refuse(
+            source,
+            "laser.frames",
+            message("table-for-format-frames"),
+            None,
+            message("add-laser-frames-with"),
+        )
     elif laser.format == "line" and laser.line is None:
-        yield refuse(source, "laser.line", message("table-for-format-line"), None, message("add-laser-line-with"))
+        yield refuse(
+            source,
+            "laser.line",
+            message("table-for-format-line"),
+            None,
+            message("add-laser-line-with"),
+        )
     elif laser.format == "line" and laser.line is not None:
         yield from _line(laser.line, source)
     else:
@@ -185,7 +249,11 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
         other = next(name for name, value in ports.items() if value == port)
         if other != field:
             yield refuse(source, field, message("another-port-than", other=other), port)
-    for axis, run in zip(AXES, (survey.head.x, survey.head.y, survey.head.z) if survey.head is not None else (), strict=False):
+    for axis, run in zip(
+        AXES,
+        (survey.head.x, survey.head.y, survey.head.z) if survey.head is not None else (),
+        strict=False,
+    ):
         if run.beam[1] != axis:
             yield refuse(source, f"head.{axis}.beam", message("either-sign", axis=axis), run.beam)
         if {run.beam[1], run.detector_x[1], run.detector_y[1]} != set(AXES):
@@ -200,18 +268,40 @@ def _air(survey: Survey, source: str) -> Iterator[UsageError]:
         yield refuse(source, "environment.sensor", message("table-for-source-sensor"), None, remedy)
     if survey.environment.sensor is not None and source_of_air not in ("sensor", "fixed"):
         remedy = message("nobody-would-listen-sensor")
-        yield refuse(source, "environment.source", message("sensor-fixed-beside-environment"), source_of_air, remedy)
+        yield refuse(
+            source,
+            "environment.source",
+            message("sensor-fixed-beside-environment"),
+            source_of_air,
+            remedy,
+        )
     if source_of_air == "laser" and survey.laser.format not in _TELL_AIR:
         remedy = message("nobody-would-tell-air")
-        yield refuse(source, "environment.source", message("laser-with-format-alone", names=list(_TELL_AIR)), survey.laser.format, remedy)
+        yield refuse(
+            source,
+            "environment.source",
+            message("laser-with-format-alone", names=list(_TELL_AIR)),
+            survey.laser.format,
+            remedy,
+        )
     if sensor is None:
         return
-    if sensor.format == "ptu300" and not sensor.pattern and (sensor.temperature_unit, sensor.pressure_unit) != ("C", "hPa"):
-        found = message("both-units", temperature_unit=sensor.temperature_unit, pressure_unit=sensor.pressure_unit)
+    if (
+        sensor.format == "ptu300"
+        and not sensor.pattern
+        and (sensor.temperature_unit, sensor.pressure_unit) != ("C", "hPa")
+    ):
+        found = message(
+            "both-units",
+            temperature_unit=sensor.temperature_unit,
+            pressure_unit=sensor.pressure_unit,
+        )
         remedy = message("its-lines-name-them")
         yield refuse(source, "environment.sensor", message("units-c-hpa-for"), found, remedy)
     if sensor.format == "line" and not sensor.pattern:
-        yield refuse(source, "environment.sensor.pattern", message("pattern-line-for-format"), sensor.pattern)
+        yield refuse(
+            source, "environment.sensor.pattern", message("pattern-line-for-format"), sensor.pattern
+        )
         return
     try:
         air_settings(sensor)
@@ -236,7 +326,9 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
         yield from _silent(survey, source)
         return
     if plc.transport in _MAPS and not plc.signals:
-        yield refuse(source, "plc.signals", _MAPS[plc.transport], [], message("stepdiag-setup-writes-them"))
+        yield refuse(
+            source, "plc.signals", _MAPS[plc.transport], [], message("stepdiag-setup-writes-them")
+        )
         return
     yield from _asked(plc, source)
     if wrong := [*_places(plc, source), *_expressions(plc, source)]:
@@ -244,8 +336,16 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
         return
     if "stopped" not in plc.signal_names:
         remedy = message("every-other-signal-may")
-        yield refuse(source, "plc.signals", message("at-least-signal-stopped"), list(plc.signal_names), remedy)
-    yield from _overlaps({name: spec for name, spec in plc.signals.items() if name not in plc.inputs}, source)
+        yield refuse(
+            source,
+            "plc.signals",
+            message("at-least-signal-stopped"),
+            list(plc.signal_names),
+            remedy,
+        )
+    yield from _overlaps(
+        {name: spec for name, spec in plc.signals.items() if name not in plc.inputs}, source
+    )
     yield from _handshake(plc, source)
     if plc.transport == "rtu":
         yield from _line_time(plc, source)
@@ -255,7 +355,13 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
 
 def _asked(plc: Plc, source: str) -> Iterator[UsageError]:
     if plc.transport == "rtu" and not plc.serial_port:
-        yield refuse(source, "plc.serial_port", message("serial-port-for-transport"), "", message("such-dev-ttyusb1"))
+        yield refuse(
+            source,
+            "plc.serial_port",
+            message("serial-port-for-transport"),
+            "",
+            message("such-dev-ttyusb1"),
+        )
     if plc.poll_hz > _MAX_POLL_HZ:
         yield refuse(source, "plc.poll_hz", message("at-most", value=_MAX_POLL_HZ), plc.poll_hz)
 
@@ -271,14 +377,20 @@ def _places(plc: Plc, source: str) -> Iterator[UsageError]:
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
     """Yield what a machine without signals cannot give."""
     plc, none = survey.plc, message("nothing-without-transport")
-    for field, entries in (("signals", plc.own_signals), ("inputs", plc.inputs), ("expressions", plc.expressions)):
+    for field, entries in (
+        ("signals", plc.own_signals),
+        ("inputs", plc.inputs),
+        ("expressions", plc.expressions),
+    ):
         if entries:
             yield refuse(source, f"plc.{field}", none, list(entries))
     if plc.handshake.enabled:
         yield refuse(source, "plc.handshake.enabled", message("false-or-none", none=none), True)
     if survey.environment.source == "plc":
         remedy = message("laser-where-its-own")
-        yield refuse(source, "environment.source", message("fixed-with-transport-none"), "plc", remedy)
+        yield refuse(
+            source, "environment.source", message("fixed-with-transport-none"), "plc", remedy
+        )
     for index, setup in enumerate(survey.plan.setups):
         if setup in FOURDOF_RUNS:
             yield refuse(source, f"plan.setups[{index}]", message("no-4-dof-run"), setup)
@@ -287,23 +399,38 @@ def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
 def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
     for name, spec in plc.inputs.items():
         if not _INPUT_NAME.match(name):
-            yield refuse(source, f"plc.inputs.{name}", message("name-letters-digits-underscore"), name)
+            yield refuse(
+                source, f"plc.inputs.{name}", message("name-letters-digits-underscore"), name
+            )
         if name in SIGNAL_NAMES:
-            yield refuse(source, f"plc.inputs.{name}", message("name-no-signal-s"), name, message("signals-stand-plc-signals"))
+            yield refuse(
+                source,
+                f"plc.inputs.{name}",
+                message("name-no-signal-s"),
+                name,
+                message("signals-stand-plc-signals"),
+            )
         yield from _place(f"plc.inputs.{name}", spec, source)
     for name, text in plc.expressions.items():
         field, wanted = f"plc.expressions.{name}", "bit" if name in SWITCHED else "word"
         if name not in (*SWITCHED, *COUNTED):
             yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
         if name in plc.own_signals:
-            yield refuse(source, field, message("either-expression-plc-signals", name=name), message("both"))
+            yield refuse(
+                source, field, message("either-expression-plc-signals", name=name), message("both")
+            )
         try:
             found = plc.expression(name, source)
         except UsageError as error:
             yield error
             continue
         if found.kind != wanted:
-            yield refuse(source, field, message("yes-no-comparison") if wanted == "bit" else message("a-number"), text)
+            yield refuse(
+                source,
+                field,
+                message("yes-no-comparison") if wanted == "bit" else message("a-number"),
+                text,
+            )
 
 
 def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
@@ -312,7 +439,13 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
         yield unknown_key(source, field, name, list(SIGNAL_NAMES))
     yield from _place(field, spec, source)
     if spec.type == "bit" and name not in (*SWITCHED, "heartbeat"):
-        yield refuse(source, f"{field}.type", message("a-number"), spec.type, message("only-heartbeat-may-be", names=list(SWITCHED)))
+        yield refuse(
+            source,
+            f"{field}.type",
+            message("a-number"),
+            spec.type,
+            message("only-heartbeat-may-be", names=list(SWITCHED)),
+        )
     if name in SWITCHED and spec.type != "bit" and (spec.scale != 1 or spec.offset != 0):
         yield refuse(source, f"{field}.scale", message("1-offset-0-signal"), spec.scale)
 
@@ -322,7 +455,9 @@ def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
     if spec.in_bit_table and spec.type != "bit":
         yield refuse(source, f"{field}.type", message("bit-table", table=spec.table), spec.type)
     if spec.in_bit_table and spec.bit:
-        yield refuse(source, f"{field}.bit", message("0-table-where-address", table=spec.table), spec.bit)
+        yield refuse(
+            source, f"{field}.bit", message("0-table-where-address", table=spec.table), spec.bit
+        )
     if spec.scale == 0:
         yield refuse(source, f"{field}.scale", message("number-not-zero"), spec.scale)
     if spec.type == "bit" and (spec.scale != 1 or spec.offset != 0):
@@ -339,9 +474,16 @@ def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[
     if not wanted.match(spec.table):
         yield refuse(source, f"{field}.table", words, spec.table)
     elif spec.in_byte_table and spec.bit > 7:
-        yield refuse(source, f"{field}.bit", message("0-7-where-address", table=spec.table), spec.bit)
+        yield refuse(
+            source, f"{field}.bit", message("0-7-where-address", table=spec.table), spec.bit
+        )
     elif spec.in_byte_table and spec.type != "bit" and spec.order != _ORDERS[plc.transport]:
-        yield refuse(source, f"{field}.order", message("this-control-keeps-its", orders=_ORDERS[plc.transport]), spec.order)
+        yield refuse(
+            source,
+            f"{field}.order",
+            message("this-control-keeps-its", orders=_ORDERS[plc.transport]),
+            spec.order,
+        )
 
 
 def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
@@ -351,8 +493,16 @@ def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
     ranges = plan_reads(plc.signals, ())
     asked, answered = 14 + 12 * len(ranges), 14 + sum(5 + each.byte_count for each in ranges)
     if max(asked, answered) > _S7_PDU:
-        found = message("ranges-bytes", ranges=len(ranges), value=sum(each.byte_count for each in ranges))
-        yield refuse(source, "plc.signals", message("what-one-telegram-bytes", s7_pdu=_S7_PDU), found, message("lay-them-closer-together"))
+        found = message(
+            "ranges-bytes", ranges=len(ranges), value=sum(each.byte_count for each in ranges)
+        )
+        yield refuse(
+            source,
+            "plc.signals",
+            message("what-one-telegram-bytes", s7_pdu=_S7_PDU),
+            found,
+            message("lay-them-closer-together"),
+        )
 
 
 def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
@@ -361,10 +511,18 @@ def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
     for index, name in enumerate(names):
         for other in names[:index]:
             one, two = signals[name], signals[other]
-            different_bits = one.type == two.type == "bit" and not one.in_bit_table and one.bit != two.bit
+            different_bits = (
+                one.type == two.type == "bit" and not one.in_bit_table and one.bit != two.bit
+            )
             if registers([one]) & registers([two]) and not different_bits:
-                place = message("value-beside-other", value=describe(one), other=other, value_2=describe(two))
-                yield UsageError(f"{source}: plc.signals.{name}.address", expected=message("place-its-own"), found=place)
+                place = message(
+                    "value-beside-other", value=describe(one), other=other, value_2=describe(two)
+                )
+                yield UsageError(
+                    f"{source}: plc.signals.{name}.address",
+                    expected=message("place-its-own"),
+                    found=place,
+                )
 
 
 def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
@@ -375,18 +533,30 @@ def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
     wanted = "holding" if plc.transport != "s7" else plc.handshake.table
     if plc.handshake.table != wanted or not _TABLES[plc.transport][0].match(wanted):
         yield refuse(
-            source, "plc.handshake.table", _TABLES[plc.transport][1] if plc.transport == "s7" else '"holding"', plc.handshake.table
+            source,
+            "plc.handshake.table",
+            _TABLES[plc.transport][1] if plc.transport == "s7" else '"holding"',
+            plc.handshake.table,
         )
     if "stop_count" not in plc.signal_names:
         yield refuse(source, "plc.handshake.enabled", message("signal-stop-count-which"), True)
     for name, spec in plc.signals.items():
-        written = {(plc.handshake.table, plc.handshake.address + at) for at in range(2 if plc.transport == "s7" else 1)}
+        written = {
+            (plc.handshake.table, plc.handshake.address + at)
+            for at in range(2 if plc.transport == "s7" else 1)
+        }
         if written & registers([spec]):
-            yield refuse(source, "plc.handshake.address", message("register-not-read-there", name=name), plc.handshake.address)
+            yield refuse(
+                source,
+                "plc.handshake.address",
+                message("register-not-read-there", name=name),
+                plc.handshake.address,
+            )
 
 
 def rtu_poll_s(signals: SignalMap, baud: int, standing: Collection[str] = ("stopped",)) -> float:
-    """Return the time one poll takes on the wire in seconds, device's own time not counted (instruments.md 4.2).
+    """Return the time one poll takes on the wire in seconds, device's own time not counted
+    (instruments.md 4.2).
 
     A request is 8 characters, an answer 5 and its data; 3.5 characters of silence before each.
     """
@@ -398,22 +568,41 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
     wire_s = rtu_poll_s(plc.signals, plc.baud, plc.standing)
     if plc.poll_hz * wire_s > 1:
         limit = int(1 / wire_s)
-        yield refuse(source, "plc.poll_hz", message("at-most-at-baud", limit=limit, baud=plc.baud, value=wire_s * 1000.0), plc.poll_hz)
+        yield refuse(
+            source,
+            "plc.poll_hz",
+            message("at-most-at-baud", limit=limit, baud=plc.baud, value=wire_s * 1000.0),
+            plc.poll_hz,
+        )
     if plc.timeout_s < wire_s:
-        yield refuse(source, "plc.timeout_s", message("more-than-ms-one", value=wire_s * 1000.0), plc.timeout_s)
+        yield refuse(
+            source,
+            "plc.timeout_s",
+            message("more-than-ms-one", value=wire_s * 1000.0),
+            plc.timeout_s,
+        )
 
 
 def least_dwell_s(survey: Survey) -> float:
-    """Return how long the machine stands at least: a stop is certain only between the first and the last poll that saw it, so that dwell >
-    settle + window + 2 polls (instruments.md 4.2)."""
+    """Return how long the machine stands at least: a stop is certain only between the first and the
+    last poll that saw it, so that dwell > settle + window + 2 polls (instruments.md 4.2)."""
     return survey.stop.settle_s + survey.stop.min_window_s + 2.0 / survey.plc.poll_hz
 
 
 def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
     needed, poll_s = least_dwell_s(survey), 1.0 / survey.plc.poll_hz
     if survey.plan.dwell_s < needed:
-        parts = {"settle_s": survey.stop.settle_s, "window_s": survey.stop.min_window_s, "poll_s": poll_s}
-        yield refuse(source, "plan.dwell_s", message("at-least-s", needed=needed, **parts), survey.plan.dwell_s)
+        parts = {
+            "settle_s": survey.stop.settle_s,
+            "window_s": survey.stop.min_window_s,
+            "poll_s": poll_s,
+        }
+        yield refuse(
+            source,
+            "plan.dwell_s",
+            message("at-least-s", needed=needed, **parts),
+            survey.plan.dwell_s,
+        )
 
 
 def _page(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -421,4 +610,6 @@ def _page(survey: Survey, source: str) -> Iterator[UsageError]:
     if all(ports):
         yield refuse(source, "metrics.port", message("another-port-than-page"), survey.metrics.port)
     if bool(survey.page.certificate) != bool(survey.page.key):
-        yield refuse(source, "page.certificate", message("certificate-key-neither"), survey.page.certificate)
+        yield refuse(
+            source, "page.certificate", message("certificate-key-neither"), survey.page.certificate
+        )

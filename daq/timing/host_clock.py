@@ -10,9 +10,11 @@ import time
 from dataclasses import dataclass
 
 LOOKS = 5
-"""Of so many looks at both clocks the quickest counts: the others may have been held up in between."""
+"""Of so many looks at both clocks the quickest counts: the others may have been held up in
+between."""
 STEP_S = 0.5
-"""A time of day that goes on by so much more or less than the host's clock was set; a network's clock is followed far more slowly."""
+"""A time of day that goes on by so much more or less than the host's clock was set; a network's
+clock is followed far more slowly."""
 
 
 def now_ns() -> int:
@@ -55,7 +57,11 @@ class ClockWatch:
         """Return what happened since the last look."""
         seen_ns, offset_ns, asleep_ns = now_ns(), wall_offset_ns(), _asleep_ns()
         moved_s = (offset_ns - self._offset_ns) * 1e-9
-        look = Look(moved_s if abs(moved_s) > STEP_S else 0.0, (seen_ns - self._seen_ns) * 1e-9, (asleep_ns - self._asleep_ns) * 1e-9)
+        look = Look(
+            moved_s if abs(moved_s) > STEP_S else 0.0,
+            (seen_ns - self._seen_ns) * 1e-9,
+            (asleep_ns - self._asleep_ns) * 1e-9,
+        )
         self._seen_ns, self._offset_ns, self._asleep_ns = seen_ns, offset_ns, asleep_ns
         return look
 

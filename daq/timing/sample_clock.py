@@ -1,9 +1,10 @@
 """From arrival times to sample times.
 
-An instrument's samples are evenly spaced; their arrival is not. Every arrival is the time of the sample plus a delay that is
-never below some minimum, so the line under all points (counter, arrival) is the instrument's own clock, late by that
-minimum delay. A least-squares line would be late by the mean delay, which behind a 16 ms USB timer is ten milliseconds
-(reference: lower envelope against dejittering, Graham scan over the points, touching the hull at the mean counter).
+An instrument's samples are evenly spaced; their arrival is not. Every arrival is the time of the
+sample plus a delay that is never below some minimum, so the line under all points (counter,
+arrival) is the instrument's own clock, late by that minimum delay. A least-squares line would be
+late by the mean delay, which behind a 16 ms USB timer is ten milliseconds (reference: lower
+envelope against dejittering, Graham scan over the points, touching the hull at the mean counter).
 """
 
 from collections import deque
@@ -19,9 +20,11 @@ MEMORY_BINS = 480
 FREE_SLOPE_SPAN_NS = 10_000_000_000
 """Below ten seconds the rate from the instrument is better than the slope of the points."""
 WRONG_RATE_NS, WRONG_RATE_SHARE = 500_000_000, 0.2
-"""No delay is so long, and no quartz so far off: a stated rate that the arrivals contradict by more is not the instrument's."""
+"""No delay is so long, and no quartz so far off: a stated rate that the arrivals contradict by more
+is not the instrument's."""
 SKIP_BINS = 8
-"""Two seconds of points that are all late by most of a sample period are a silent skip, not jitter."""
+"""Two seconds of points that are all late by most of a sample period are a silent skip, not
+jitter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +36,19 @@ class Line:
     period_ns: float
 
     def at(self, counter: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the times of samples in nanoseconds of the host's monotonic clock, shape like ``counter``."""
-        times: NDArray[np.float64] = self.origin_ns + self.period_ns * (counter - self.origin_counter).astype(np.float64)
+        """Return the times of samples in nanoseconds of the host's monotonic clock, shape like
+        ``counter``."""
+        times: NDArray[np.float64] = self.origin_ns + self.period_ns * (
+            counter - self.origin_counter
+        ).astype(np.float64)
         return times
 
 
 def lower_line(counters: NDArray[np.float64], arrivals: NDArray[np.float64]) -> tuple[float, float]:
     """Return (offset, slope) of the line below all points that has the least mean distance to them.
 
-    It is the edge of the lower convex hull above which the mean counter lies. Needs two points, counters ascending.
+    It is the edge of the lower convex hull above which the mean counter lies. Needs two points,
+    counters ascending.
     """
     hull: list[int] = []
     for index in range(len(counters)):
@@ -67,7 +74,9 @@ class SampleClock:
     ``gaps_visible``: a lost sample is counted. Otherwise the clock watches for silent skips.
     """
 
-    def __init__(self, rate_hz: float | None, latency_s: float = 0.0, *, gaps_visible: bool = True) -> None:
+    def __init__(
+        self, rate_hz: float | None, latency_s: float = 0.0, *, gaps_visible: bool = True
+    ) -> None:
         self._latency_ns = latency_s * 1e9
         self._gaps_visible = gaps_visible
         self._points: deque[tuple[int, int]] = deque(maxlen=MEMORY_BINS)
@@ -76,7 +85,8 @@ class SampleClock:
         self._period_ns = 1e9 / rate_hz if rate_hz else None
 
     def add(self, counter: int, arrival_ns: int) -> bool:
-        """Take the last sample of a chunk. Returns False where a silent skip was seen: the points before it are forgotten."""
+        """Take the last sample of a chunk. Returns False where a silent skip was seen: the points
+        before it are forgotten."""
         if self._points and counter <= self._points[-1][0]:
             return True
         number = arrival_ns // BIN_NS
@@ -137,7 +147,10 @@ class SampleClock:
             return False
         points = list(self._points)
         line = self._fit(points[:-SKIP_BINS])
-        late = [arrival - line.at(np.array([counter]))[0] - self._latency_ns for counter, arrival in points[-SKIP_BINS:]]
+        late = [
+            arrival - line.at(np.array([counter]))[0] - self._latency_ns
+            for counter, arrival in points[-SKIP_BINS:]
+        ]
         if min(late) < 0.8 * self._period_ns:
             return False
         self._points = deque(points[-SKIP_BINS:], maxlen=MEMORY_BINS)

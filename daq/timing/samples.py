@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Words
 
-NoticeCode = Literal["banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"]
+NoticeCode = Literal[
+    "banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"
+]
 
 
 class Flag(IntFlag):
@@ -34,8 +36,9 @@ class Flag(IntFlag):
 class Notice:
     """A remark of the stream at sample ``index`` of its batch (the sample before which it stands).
 
-    ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``. ``name`` is the condition that an ``environment`` notice
-    gives the value of, ``why`` a message, or what the instrument wrote itself.
+    ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``. ``name`` is the
+    condition that an ``environment`` notice gives the value of, ``why`` a message, or what the
+    instrument wrote itself.
     """
 
     code: NoticeCode
@@ -49,10 +52,12 @@ class Notice:
 class Samples:
     """A batch of samples, a row each; every column has shape (count,).
 
-    ``counter`` is the instrument's own count, unwrapped, so that differences are sample periods. A polled instrument
-    has no counter: the host numbers the answers. ``position_mm`` grows as configured by the laser's sign and is NaN where there
-    is none. ``beam`` is the signal strength from 0 to 1, NaN where unknown. ``flags`` holds `Flag` bits. ``arrival_ns`` is the
-    arrival stamp of the chunk that completed the sample. ``channels`` holds what a 4-DOF head sends, shape (count, k).
+    ``counter`` is the instrument's own count, unwrapped, so that differences are sample periods. A
+    polled instrument has no counter: the host numbers the answers. ``position_mm`` grows as
+    configured by the laser's sign and is NaN where there is none. ``beam`` is the signal strength
+    from 0 to 1, NaN where unknown. ``flags`` holds `Flag` bits. ``arrival_ns`` is the arrival stamp
+    of the chunk that completed the sample. ``channels`` holds what a 4-DOF head sends, shape
+    (count, k).
     """
 
     counter: NDArray[np.int64]
@@ -79,7 +84,8 @@ class Samples:
 
 
 class Decoder(Protocol):
-    """One object a stream. Any split of the same bytes gives the same samples, arrival stamps apart."""
+    """One object a stream. Any split of the same bytes gives the same samples, arrival stamps
+    apart."""
 
     nominal_rate_hz: float | None
     """The rate as last reported by the instrument or its data sheet; None where it is unknown."""
@@ -89,7 +95,8 @@ class Decoder(Protocol):
     """Known delay inside the instrument: subtracted from sample times."""
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes. Never raises on the content of the bytes: garbage is a notice."""
+        """Return the samples that ``chunk`` completes. Never raises on the content of the bytes:
+        garbage is a notice."""
         ...
 
     def resync(self) -> None:
@@ -115,7 +122,8 @@ class SteadyDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class PolledDecoder(Decoder, Protocol):
-    """A decoder for an instrument that answers requests; the link sends ``request`` and feeds the answer."""
+    """A decoder for an instrument that answers requests; the link sends ``request`` and feeds the
+    answer."""
 
     request: bytes
     poll_interval_s: float
@@ -128,7 +136,8 @@ class AskingDecoder(PolledDecoder, Protocol):
     """
 
     others: Sequence[tuple[bytes, float]]
-    """Further requests and how many seconds lie between two of the same; answered like ``request``."""
+    """Further requests and how many seconds lie between two of the same; answered like
+    ``request``."""
 
 
 @runtime_checkable

@@ -30,7 +30,8 @@ HOLD_BYTES = 65_536
 ARRIVAL_SLACK_NS = 500_000_000
 """Samples may arrive this much later than they were taken."""
 CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
-"""After any of these an interferometer has lost its count: readings before and after belong to different zeros."""
+"""After any of these an interferometer has lost its count: readings before and after belong to
+different zeros."""
 LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
 """Before the first good sample a decoder may not have recognised its instrument yet; only these
 remarks mean a loss.
@@ -42,7 +43,8 @@ LEAST_STEP_MM = 1e-9
 """A picometre: what is less comes from the arithmetic, not from the instrument."""
 UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
-"""A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter gap is remarked as such."""
+"""A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter
+gap is remarked as such."""
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
 """Reason why the laser was unwatched, in words."""
@@ -61,7 +63,8 @@ class Break:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Span:
-    """Samples of a span of time in columns, shape (n,); ``channels`` (n, k) for a 4-DOF head. Unusable samples are left out and counted."""
+    """Samples of a span of time in columns, shape (n,); ``channels`` (n, k) for a 4-DOF head.
+    Unusable samples are left out and counted."""
 
     time_ns: NDArray[np.float64]
     position_mm: NDArray[np.float64]
@@ -109,7 +112,8 @@ class StreamBuffer:
 
     @property
     def resolution_um(self) -> float:
-        """Return the least step between two samples so far: the instrument's resolution, once it has moved; infinite before."""
+        """Return the least step between two samples so far: the instrument's resolution, once it
+        has moved; infinite before."""
         self._settle()
         return self._least_step_mm * 1e3
 
@@ -121,14 +125,19 @@ class StreamBuffer:
 
     @property
     def conditions(self) -> Mapping[str, float]:
-        """Return what the instrument itself sent last of air and material, by the names of the signals."""
+        """Return what the instrument itself sent last of air and material, by the names of the
+        signals."""
         self._settle()
         return self._conditions
 
     def conditions_since(self, time_ns: int) -> Mapping[str, float]:
         """Return the conditions received after a time."""
         self._settle()
-        return {name: value for name, value in self._conditions.items() if self._conditions_ns[name] >= time_ns}
+        return {
+            name: value
+            for name, value in self._conditions.items()
+            if self._conditions_ns[name] >= time_ns
+        }
 
     @property
     def last(self) -> Samples | None:
@@ -139,14 +148,21 @@ class StreamBuffer:
     def since(self, arrival_ns: int) -> list[Samples]:
         """Return the batches whose last sample arrived after a time, in order."""
         self._settle()
-        newer = takewhile(lambda batch: batch.arrival_ns[-1] > arrival_ns, (batch for batch, _ in reversed(self._batches)))
+        newer = takewhile(
+            lambda batch: batch.arrival_ns[-1] > arrival_ns,
+            (batch for batch, _ in reversed(self._batches)),
+        )
         return list(newer)[::-1]
 
     def feed(self, chunk: bytes, arrival_ns: int) -> None:
         """Take bytes."""
         self._waiting.append((chunk, arrival_ns))
         self._waiting_bytes += len(chunk)
-        if self._steady is None or self._waiting_bytes >= HOLD_BYTES or arrival_ns - self._waiting[0][1] >= HOLD_NS:
+        if (
+            self._steady is None
+            or self._waiting_bytes >= HOLD_BYTES
+            or arrival_ns - self._waiting[0][1] >= HOLD_NS
+        ):
             self._settle()
 
     def heard(self) -> tuple[Notice, ...]:
@@ -167,7 +183,8 @@ class StreamBuffer:
         self._breaks.append(Break(at_ns, reason, watched=False))
 
     def forget_breaks(self) -> None:
-        """Keep the last loss of count and the last time unwatched: for a stream that is followed for weeks and not recorded."""
+        """Keep the last loss of count and the last time unwatched: for a stream that is followed
+        for weeks and not recorded."""
         if len(self._breaks) > 2:
             self._breaks = list(last_of_each(self._breaks))
 
@@ -190,7 +207,12 @@ class StreamBuffer:
             return Span(time_ns=empty, position_mm=empty, beam=empty, channels=None, unusable=0)
         times = np.concatenate([self._times(batch, clock) for batch, clock in chosen])
         arrivals = np.concatenate([batch.arrival_ns for batch, _ in chosen])
-        inside = (times >= from_ns) & (times <= to_ns) & (arrivals >= from_ns) & (arrivals <= to_ns + ARRIVAL_SLACK_NS)
+        inside = (
+            (times >= from_ns)
+            & (times <= to_ns)
+            & (arrivals >= from_ns)
+            & (arrivals <= to_ns + ARRIVAL_SLACK_NS)
+        )
         inside &= arrivals < arrived_before_ns
         flags = np.concatenate([batch.flags for batch, _ in chosen])
         usable = inside & ((flags & int(UNUSABLE)) == 0)
@@ -212,10 +234,14 @@ class StreamBuffer:
         return [(self._times(batch, clock), batch) for batch, clock in batches]
 
     def flags(self, from_ns: float, to_ns: float) -> NDArray[np.uint16]:
-        """Return the flags of all samples taken in the closed span of time, usable or not, shape (n,)."""
+        """Return the flags of all samples taken in the closed span of time, usable or not, shape
+        (n,)."""
         parts = [
             batch.flags[
-                (times >= from_ns) & (times <= to_ns) & (batch.arrival_ns >= from_ns) & (batch.arrival_ns <= to_ns + ARRIVAL_SLACK_NS)
+                (times >= from_ns)
+                & (times <= to_ns)
+                & (batch.arrival_ns >= from_ns)
+                & (batch.arrival_ns <= to_ns + ARRIVAL_SLACK_NS)
             ]
             for batch, clock in self._around(from_ns, to_ns)
             for times in (self._times(batch, clock),)
@@ -223,7 +249,8 @@ class StreamBuffer:
         return np.concatenate([np.zeros(0, dtype=np.uint16), *parts])
 
     def _around(self, from_ns: float, to_ns: float) -> list[tuple[Samples, SampleClock]]:
-        """Return the batches that may hold samples of a span, from the newest back: what is asked for has mostly just come."""
+        """Return the batches that may hold samples of a span, from the newest back: what is asked
+        for has mostly just come."""
         self._settle()
         chosen = []
         for batch, clock in reversed(self._batches):
@@ -238,7 +265,9 @@ class StreamBuffer:
         if not self._waiting:
             return
         chunks, self._waiting, self._waiting_bytes = self._waiting, [], 0
-        together = len(chunks) > 1 and all(later - earlier < UNWATCHED_NS for (_, earlier), (_, later) in pairwise(chunks))
+        together = len(chunks) > 1 and all(
+            later - earlier < UNWATCHED_NS for (_, earlier), (_, later) in pairwise(chunks)
+        )
         steady = self._steady(chunks) if self._steady is not None and together else None
         if steady is not None:
             self._take(steady, chunks[-1][1])
@@ -273,7 +302,9 @@ class StreamBuffer:
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
         """Return the clock of a new segment; batches already in keep the one they were timed by."""
         self._rate_hz = rate_hz
-        return SampleClock(rate_hz, self._decoder.latency_s, gaps_visible=self._decoder.gaps_visible)
+        return SampleClock(
+            rate_hz, self._decoder.latency_s, gaps_visible=self._decoder.gaps_visible
+        )
 
     def _remember(self, batch: Samples, arrival_ns: int) -> None:
         self._watch_for_holes(batch)
@@ -292,7 +323,9 @@ class StreamBuffer:
         before[0], before[1:] = self._last_mm, batch.position_mm[:-1]
         steps = np.abs(batch.position_mm - before)
         self._last_mm = float(batch.position_mm[-1])
-        self._least_step_mm = float(np.min(steps, where=steps > LEAST_STEP_MM, initial=self._least_step_mm))
+        self._least_step_mm = float(
+            np.min(steps, where=steps > LEAST_STEP_MM, initial=self._least_step_mm)
+        )
 
     def _forget(self, before_ns: int) -> None:
         """Discard chunks from before a time, and chunks beyond the memory."""
@@ -355,7 +388,8 @@ LOSSES: Mapping[Flag, Message] = {
 
 
 def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last time unwatched: one of each states as much as many."""
+    """Return the last loss of count and the last time unwatched: one of each states as much as
+    many."""
     return tuple({event.watched: event for event in breaks}.values())
 
 

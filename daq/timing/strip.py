@@ -1,4 +1,5 @@
-"""The newest readings of an instrument at full rate, lowest and highest sample of every short bin: for eyes, never for results."""
+"""The newest readings of an instrument at full rate, lowest and highest sample of every short bin:
+for eyes, never for results."""
 
 from collections import deque
 
@@ -14,7 +15,8 @@ _BIN_NS = round(BIN_S * 1e9)
 
 
 class Strip:
-    """Takes batches as they come, each once. ``bins`` are (number, lowest, highest), NaN where nothing was seen."""
+    """Takes batches as they come, each once. ``bins`` are (number, lowest, highest), NaN where
+    nothing was seen."""
 
     def __init__(self) -> None:
         self.bins: deque[tuple[int, float, float]] = deque(maxlen=KEEP_BINS)
@@ -30,11 +32,15 @@ class Strip:
         if not len(batch) or int(batch.arrival_ns[-1]) <= self._newest_ns:
             return
         end = int(batch.arrival_ns[-1])
-        begin = max(self._newest_ns, end - KEEP_BINS * _BIN_NS) if self._newest_ns else end - _BIN_NS
+        begin = (
+            max(self._newest_ns, end - KEEP_BINS * _BIN_NS) if self._newest_ns else end - _BIN_NS
+        )
         number = np.linspace(begin, end, len(batch) + 1)[1:].astype(np.int64) // _BIN_NS
         self._newest_ns = end
         edges = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-        lowest, highest = (each.reduceat(batch.position_mm, edges).tolist() for each in (np.fmin, np.fmax))
+        lowest, highest = (
+            each.reduceat(batch.position_mm, edges).tolist() for each in (np.fmin, np.fmax)
+        )
         for at, low, high in zip(number[edges].tolist(), lowest, highest, strict=True):
             self._put(at, low, high)
 

@@ -1,10 +1,13 @@
-"""Beckhoff TwinCAT CNC and the ISG kernel: volumetric error file (ISG_CSV), or axis lists with ``kw.ssfk`` and ``kw.crosscomp``.
+"""Beckhoff TwinCAT CNC and the ISG kernel: volumetric error file (ISG_CSV), or axis lists with
+``kw.ssfk`` and ``kw.crosscomp``.
 
-TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003, P-COMP-00004 to 00007) and TF5280
-volumetric compensation (296429067, 296390283, 296423819, 296426379) of infosys.beckhoff.com. The leadscrew value is actual minus
-setpoint, by a worked example; the volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate`` can turn; the sense of
-the cross value is stated nowhere and is asked. With ``chain`` the volumetric file holds everything: components, angles with the levers
-that the kernel's own model of the axes gives them, and the squarenesses.
+TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003,
+P-COMP-00004 to 00007) and TF5280 volumetric compensation (296429067, 296390283, 296423819,
+296426379) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, by a worked
+example; the volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate`` can turn;
+the sense of the cross value is stated nowhere and is asked. With ``chain`` the volumetric file
+holds everything: components, angles with the levers that the kernel's own model of the axes gives
+them, and the squarenesses.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -92,17 +95,29 @@ class Beckhoff:
         """Return the sizes of the tables in the control."""
         options = profile.options_as(BeckhoffOptions)
         # kw_nr_max and last_index must stay below max_points (P-COMP-00059, P-COMP-00060).
-        points = {VOLCOMP: options.max_records, ANGLE: options.max_records, SSFK: options.ssfk_points - 1, CROSS: options.cross_points}
+        points = {
+            VOLCOMP: options.max_records,
+            ANGLE: options.max_records,
+            SSFK: options.ssfk_points - 1,
+            CROSS: options.cross_points,
+        }
         return Limits(points=points[table.kind])
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return the components of the volumetric file, or ssfk and crosscomp tables."""
         options = profile.options_as(BeckhoffOptions)
-        tables = _volumetric(curves, profile, options) if options.way == "volumetric" else _lists(curves, profile, options)
+        tables = (
+            _volumetric(curves, profile, options)
+            if options.way == "volumetric"
+            else _lists(curves, profile, options)
+        )
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
 
-    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
-        """Return the same, and with ``chain`` every angle: its column is a product with each of its levers."""
+    def plan_products(
+        self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
+    ) -> Plan:
+        """Return the same, and with ``chain`` every angle: its column is a product with each of its
+        levers."""
         options = profile.options_as(BeckhoffOptions)
         if options.chain is None or options.way != "volumetric":
             return self.plan(curves, profile)
@@ -111,10 +126,14 @@ class Beckhoff:
         tables = [*_volumetric(found.curves, profile, options)]
         for angle in found.angles:
             laws, quantum_urad = _volcomp_laws(profile, options), 1e6 * 10.0**-csv.RAD_DECIMALS
-            tables += angle_tables(angle, levers, profile, kind=ANGLE, laws=laws, quantum_urad=quantum_urad, place={})
+            tables += angle_tables(
+                angle, levers, profile, kind=ANGLE, laws=laws, quantum_urad=quantum_urad, place={}
+            )
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
         """Return the volumetric file with the lines of its configuration, or a file
         ``achskw<n>.lis`` per axis.
         """
@@ -122,26 +141,42 @@ class Beckhoff:
         if options.way == "lists":
             return tuple(
                 parameter_list.render(
-                    [t for t in tables if t.output_axis == letter], profile, options.axis_numbers, options.master_word, notes
+                    [t for t in tables if t.output_axis == letter],
+                    profile,
+                    options.axis_numbers,
+                    options.master_word,
+                    notes,
                 )
                 for letter in _numbered(profile, options)
                 if any(table.output_axis == letter for table in tables)
             )
         configuration = [*(f"# {note}" for note in notes), *_configuration(profile, options)]
         return (
-            ControlFile(name=_CSV_NAME, data=csv.render(tables, options.decimals, notes, _squareness(options))),
+            ControlFile(
+                name=_CSV_NAME,
+                data=csv.render(tables, options.decimals, notes, _squareness(options)),
+            ),
             ControlFile(name="volcomp_lines.txt", data=ascii_lines(configuration), role="note"),
         )
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return ``lr_param.ssfk`` of each axis with a leadscrew list; of a volumetric file the NC program decides, and no file."""
+        """Return ``lr_param.ssfk`` of each axis with a leadscrew list; of a volumetric file the NC
+        program decides, and no file."""
         numbers = profile.options_as(BeckhoffOptions).axis_numbers
-        return {parameter_list.switch_name(numbers[table.output_axis]): "1" for table in tables if table.kind == SSFK}
+        return {
+            parameter_list.switch_name(numbers[table.output_axis]): "1"
+            for table in tables
+            if table.kind == SSFK
+        }
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
         """Return the same of lists that were copied out."""
         lists = [file for file in without_notes(files) if b"kw." in file.data]
-        return {name: value for file in lists for name, value in parameter_list.switches_in(file).items()}
+        return {
+            name: value
+            for file in lists
+            for name, value in parameter_list.switches_in(file).items()
+        }
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of ISG_CSV files and axis lists."""
@@ -152,25 +187,43 @@ class Beckhoff:
                 senses = {SSFK: _SSFK_LAW.sense, CROSS: options.cross_sense}
                 tables += parameter_list.read(file, profile, options.axis_numbers, senses)
             else:
-                levers = None if options.chain is None else levers_of(_chain_held(options, profile.source), own=True)
+                levers = (
+                    None
+                    if options.chain is None
+                    else levers_of(_chain_held(options, profile.source), own=True)
+                )
                 laws = _volcomp_laws(profile, options)
-                tables += csv.read(file, profile, csv.Reading(kind=VOLCOMP, angle_kind=ANGLE, laws=laws, levers=levers))
+                tables += csv.read(
+                    file,
+                    profile,
+                    csv.Reading(kind=VOLCOMP, angle_kind=ANGLE, laws=laws, levers=levers),
+                )
         if not tables:
-            raise DataError("files", expected=message("csv-or-list"), found=", ".join(file.name for file in files) or message("nothing"))
+            raise DataError(
+                "files",
+                expected=message("csv-or-list"),
+                found=", ".join(file.name for file in files) or message("nothing"),
+            )
         return tuple(tables)
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return what acts: the volumetric file and each axis list are replaced as a whole."""
         held, loaded = (self.parse(files, profile) if files else () for files in (own, new))
         return overwritten(held, loaded, _seat)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own volumetric file or axis lists, each replaced as a whole, and zeros where there is none."""
+        """Return the own volumetric file or axis lists, each replaced as a whole, and zeros where
+        there is none."""
         return own_and_zeros(self, tables, profile, _seat)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is an axis list with compensation, or has a heading of component errors."""
-        return any(word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")) or csv.recognises(file)
+        """Return whether the file is an axis list with compensation, or has a heading of component
+        errors."""
+        return any(word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")) or csv.recognises(
+            file
+        )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point."""
@@ -181,17 +234,42 @@ class Beckhoff:
         if profile.options_as(BeckhoffOptions).way == "volumetric":
             return (
                 "Back up the volumetric configuration and the error files in use.",
-                "Add the lines of volcomp_lines.txt to the configuration; chain and workpiece_axes have to be as the machine is built.",
-                f"The axes must be called as they were measured. Copy {_CSV_NAME} where file[0] says.",
+                (
+                    "Add the lines of volcomp_lines.txt to the configuration; chain and "
+                    "workpiece_axes have to be as the machine is built."
+                ),
+                (
+                    f"The axes must be called as they were measured. Copy {_CSV_NAME} where "
+                    "file[0] "
+                    "says."
+                ),
                 "Load with #VOLCOMP [ID0 UPDATE] while the compensation is off, then switch it on.",
-                "Sign test first: P-VOLC-00009 negate exists because senses differ. Measure again; if the residual has grown, restore.",
+                (
+                    "Sign test first: P-VOLC-00009 negate exists because senses differ. Measure "
+                    "again; if the residual has grown, restore."
+                ),
             )
         return (
-            "Back up the axis lists (achskw*.lis). What they hold beside ssfk and crosscomp must be kept: merge by hand.",
-            "Set lr_param.ssfk 1 and lr_param.crosscomp 1 in the axis lists of the machine data (P-AXIS-00175, P-AXIS-00047).",
-            "Both act on homed axes only. Switch off with X[COMP OFF LEAD] and X[COMP OFF CROSS] for a comparison.",
+            (
+                "Back up the axis lists (achskw*.lis). What they hold beside ssfk and crosscomp "
+                "must "
+                "be kept: merge by hand."
+            ),
+            (
+                "Set lr_param.ssfk 1 and lr_param.crosscomp 1 in the axis lists of the machine "
+                "data "
+                "(P-AXIS-00175, P-AXIS-00047)."
+            ),
+            (
+                "Both act on homed axes only. Switch off with X[COMP OFF LEAD] and X[COMP OFF "
+                "CROSS] "
+                "for a comparison."
+            ),
             "A list with two columns holds the reversal: set the backlash of that axis to 0.",
-            "Sign test first for crosscomp: no page states its sense. Measure again; if the residual has grown, restore.",
+            (
+                "Sign test first for crosscomp: no page states its sense. Measure again; if the "
+                "residual has grown, restore."
+            ),
         )
 
 
@@ -204,9 +282,14 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 
 
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
-    """Return the law of each output axis. Raises ``UsageError`` where an angle would have to be turned for one axis alone."""
+    """Return the law of each output axis. Raises ``UsageError`` where an angle would have to be
+    turned for one axis alone."""
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
-        raise UsageError(f"{profile.source}: beckhoff.negate", expected=message("negate-of-axes"), found=options.negate)
+        raise UsageError(
+            f"{profile.source}: beckhoff.negate",
+            expected=message("negate-of-axes"),
+            found=options.negate,
+        )
     return {letter: _volcomp_law(letter, options) for letter in "XYZ"}
 
 
@@ -223,9 +306,11 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
     if work and options.turned is None:
         axes = ["XYZ"[axis] for axis in work]
         raise UsageError(
-            f"{source}: beckhoff.turned", expected=message("turned-or-not", axes=axes), found=message("nothing"),
+            f"{source}: beckhoff.turned",
+            expected=message("turned-or-not", axes=axes),
+            found=message("nothing"),
             remedy=message("see-vz-istw"),
-        )  # fmt: skip
+        )
     return "F" + "".join("XYZ"[axis] for axis in (*work, *tool)) if options.turned else chain
 
 
@@ -233,27 +318,55 @@ def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
     """Return the squarenesses that get a column: those whose turn of the carried axes makes no
     difference.
     """
-    order = "" if options.chain is None else "".join("XYZ"[axis] for side in parse_chain(options.chain) for axis in side)
-    return tuple(name for name, target in csv.SHIFTS.items() if order and order.index(target[1]) < order.index(target[2]))
+    order = (
+        ""
+        if options.chain is None
+        else "".join("XYZ"[axis] for side in parse_chain(options.chain) for axis in side)
+    )
+    return tuple(
+        name
+        for name, target in csv.SHIFTS.items()
+        if order and order.index(target[1]) < order.index(target[2])
+    )
 
 
-def _volumetric(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Table]:
-    """Yield the ISO 230-1 components as they are, mean of both directions: the file has no direction.
+def _volumetric(
+    curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
+) -> Iterator[Table]:
+    """Yield the ISO 230-1 components as they are, mean of both directions: the file has no
+    direction.
 
-    ``negate`` turns the sense in the control, never the numbers: they stay the errors of the machine.
+    ``negate`` turns the sense in the control, never the numbers: they stay the errors of the
+    machine.
     """
     quantum_um = 1000.0 * 10.0**-options.decimals
     for curve in curves:
         law = _volcomp_law(curve.output_axis, options)
-        yield from absolute_tables(curve, averaging(profile), kind=VOLCOMP, law=law, quantum_um=quantum_um, place={"column": curve.name})
+        yield from absolute_tables(
+            curve,
+            averaging(profile),
+            kind=VOLCOMP,
+            law=law,
+            quantum_um=quantum_um,
+            place={"column": curve.name},
+        )
 
 
 def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Table]:
     masters: dict[str, str] = {}
     for curve in curves:
-        place: dict[str, int | str] = {"list": f"achskw{options.axis_numbers.get(curve.output_axis, 0)}.lis"}
+        place: dict[str, int | str] = {
+            "list": f"achskw{options.axis_numbers.get(curve.output_axis, 0)}.lis"
+        }
         if curve.name in POSITIONING:
-            yield from absolute_tables(curve, profile, kind=SSFK, law=_SSFK_LAW, quantum_um=parameter_list.QUANTUM_UM, place=place)
+            yield from absolute_tables(
+                curve,
+                profile,
+                kind=SSFK,
+                law=_SSFK_LAW,
+                quantum_um=parameter_list.QUANTUM_UM,
+                place=place,
+            )
             continue
         other = masters.setdefault(curve.output_axis, curve.input_axis)
         if other != curve.input_axis:
@@ -261,13 +374,17 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
                 f"{profile.source}: machine.functions",
                 code="control-full.cross-table",
                 expected=message("cross-one", axis=curve.output_axis),
-                found=message("table-and-other", output_axis=curve.output_axis, other=other, name=curve.name),
+                found=message(
+                    "table-and-other", output_axis=curve.output_axis, other=other, name=curve.name
+                ),
                 remedy=message("leave-one"),
             )
         yield from _cross(curve, profile, options, place)
 
 
-def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict[str, int | str]) -> Iterator[Table]:
+def _cross(
+    curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict[str, int | str]
+) -> Iterator[Table]:
     if options.cross_sense is None:
         raise UsageError(
             f"{profile.source}: beckhoff.cross_sense",
@@ -276,10 +393,19 @@ def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict
             remedy=message("no-page"),
         )
     law = Law(sense=options.cross_sense)
-    yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=parameter_list.QUANTUM_UM, place=place)
+    yield from absolute_tables(
+        curve,
+        averaging(profile),
+        kind=CROSS,
+        law=law,
+        quantum_um=parameter_list.QUANTUM_UM,
+        place=place,
+    )
 
 
-def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Finding]:
+def _remarks(
+    curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
+) -> Iterator[Finding]:
     bilateral = POSITIONING if options.way == "lists" else ()
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
@@ -293,7 +419,9 @@ def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
     for letter in profile.axes:
         if letter not in options.axis_numbers:
             raise UsageError(
-                f"{profile.source}: beckhoff.axis_numbers", expected=message("number-of", letter=letter), found=str(options.axis_numbers)
+                f"{profile.source}: beckhoff.axis_numbers",
+                expected=message("number-of", letter=letter),
+                found=str(options.axis_numbers),
             )
     return list(profile.axes)
 
@@ -306,7 +434,10 @@ def _configuration(profile: Profile, options: BeckhoffOptions) -> Iterator[str]:
         yield "# chain: a string (P-VOLC-00007), its order from workpiece to tool DERIVED, not READ"
         yield "# workpiece_axes: how many of them carry the workpiece (P-VOLC-00008)"
         if options.turned:
-            yield "# vz_istw or vz_stellgr turns the axes on the workpiece side: they count as axes of the tool"
+            yield (
+                "# vz_istw or vz_stellgr turns the axes on the workpiece side: they count as "
+                "axes of the tool"
+            )
         yield f"chain {''.join('XYZ'[axis] for axis in (*work, *tool))}"
         yield f"workpiece_axes {len(work)}"
     yield from ("interpolation GRID", f"file[0] {_CSV_NAME}", "file_format[0] ISG_CSV")

@@ -1,4 +1,5 @@
-"""The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new heading (TF5280, 296429067).
+"""The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new
+heading (TF5280, 296429067).
 
 Values in mm and rad (296426379). A block without an axis in its heading holds position errors, in
 one row: here the squarenesses C0Y, B0Z and A0Z, which shift the tool by contract 1.
@@ -49,7 +50,9 @@ class Reading:
     levers: Vector | None
 
 
-def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squareness: Sequence[str] = ()) -> bytes:
+def render(
+    tables: Sequence[Table], decimals: int, notes: Sequence[str], squareness: Sequence[str] = ()
+) -> bytes:
     """Return the file: a block per input axis, components in mm and angles in rad beside each
     other.
 
@@ -58,16 +61,38 @@ def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squaren
     """
     curves = {table.name: table for table in tables if table.multiplier is None}
     angles = {str(table.place[COLUMN]): table for table in tables if table.multiplier is not None}
-    slopes_rad = {name: _slope_rad(curves[SHIFTS[name]], name) for name in squareness if SHIFTS[name] in curves}
-    leaning = f"{', '.join(slopes_rad)} as columns" if slopes_rad else "squareness is within the straightness components"
+    slopes_rad = {
+        name: _slope_rad(curves[SHIFTS[name]], name)
+        for name in squareness
+        if SHIFTS[name] in curves
+    }
+    leaning = (
+        f"{', '.join(slopes_rad)} as columns"
+        if slopes_rad
+        else "squareness is within the straightness components"
+    )
     lines = [f"// {note}" for note in notes]
-    lines.append(f"{_MARK.decode('ascii')}{', angles in rad' if angles else ''}, ISO 230-1, actual minus commanded; {leaning}")
+    lines.append(
+        f"{_MARK.decode('ascii')}{', angles in rad' if angles else ''}, ISO 230-1, actual minus "
+        f"commanded; {leaning}"
+    )
     if slopes_rad:
-        lines += [_row(list(slopes_rad)), _row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()])]
+        lines += [
+            _row(list(slopes_rad)),
+            _row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()]),
+        ]
     places = decimals + _FINER if slopes_rad else decimals
     for letter in "XYZ":
-        block = {name: _without(table, slopes_rad) / 1000 for name, table in curves.items() if table.input_axis == letter}
-        turns = {name: column_urad(table) * 1e-6 for name, table in angles.items() if table.input_axis == letter}
+        block = {
+            name: _without(table, slopes_rad) / 1000
+            for name, table in curves.items()
+            if table.input_axis == letter
+        }
+        turns = {
+            name: column_urad(table) * 1e-6
+            for name, table in angles.items()
+            if table.input_axis == letter
+        }
         along = next((table for table in tables if table.input_axis == letter), None)
         if along is None:
             continue
@@ -81,13 +106,15 @@ def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squaren
 
 
 def _slope_rad(table: Table, name: str) -> float:
-    """Return the squareness in the end-point line of a table, in the table's own sense, to the places that are written."""
+    """Return the squareness in the end-point line of a table, in the table's own sense, to the
+    places that are written."""
     rise = (table.value_um[-1] - table.value_um[0]) / (table.position_mm[-1] - table.position_mm[0])
     return round(float(rise) * 1e-3 / SQUARENESS_SLOPE[name][SHIFTS[name]], RAD_DECIMALS)
 
 
 def _without(table: Table, slopes_rad: Mapping[str, float]) -> Vector:
-    """Return the values of a table in um without what its squareness does, which counts from the zero of the axis."""
+    """Return the values of a table in um without what its squareness does, which counts from the
+    zero of the axis."""
     value = table.value_um
     for name, slope in slopes_rad.items():
         if SHIFTS[name] == table.name:
@@ -100,18 +127,24 @@ def _shift_um(name: str, slope_rad: float, position_mm: Vector) -> Vector:
 
 
 def recognises(file: ControlFile) -> bool:
-    """Return whether the first line that is no comment is a heading of component or position errors."""
+    """Return whether the first line that is no comment is a heading of component or position
+    errors."""
     try:
         head = next(_lines(file), ("", []))[1]
     except DataError:
         return False
     if head and all(map(_POSITION_ERROR.match, head)):
         return True
-    return len(head) > 1 and head[0] in ("X", "Y", "Z") and all(_COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:])
+    return (
+        len(head) > 1
+        and head[0] in ("X", "Y", "Z")
+        and all(_COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:])
+    )
 
 
 def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
-    """Return a table for each component column, the squareness within, and the products of each angle column.
+    """Return a table for each component column, the squareness within, and the products of each
+    angle column.
 
     Raises ``DataError`` with file and line, also for angles without a chain in the profile.
     """
@@ -123,13 +156,17 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
         if all(map(_POSITION_ERROR.match, head)):
             squareness |= _squareness(where, head, rows)
             continue
-        if head[0] not in ("X", "Y", "Z") or not all(_COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:]):
+        if head[0] not in ("X", "Y", "Z") or not all(
+            _COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:]
+        ):
             raise DataError(where, expected=message("heading-words"), found=" ".join(head))
         if len(set(head)) != len(head):
             raise DataError(where, expected=message("each-column"), found=" ".join(head))
         values = np.array([_numbers(cells, len(head), at) for at, cells in rows])
         if len(rows) < 2 or np.any(np.diff(values[:, 0]) <= 0):
-            raise DataError(where, expected=message("rows-rising"), found=message("count-rows", count=len(rows)))
+            raise DataError(
+                where, expected=message("rows-rising"), found=message("count-rows", count=len(rows))
+            )
         tables += _columns(file, block, values, profile, how)
     return _joined(tables, squareness, file, profile, how)
 
@@ -139,36 +176,59 @@ def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]
     squareness of three linear axes.
     """
     if len(rows) != 1:
-        raise DataError(where, expected=message("one-row"), found=message("count-rows", count=len(rows)))
+        raise DataError(
+            where, expected=message("one-row"), found=message("count-rows", count=len(rows))
+        )
     ((at, cells),) = rows
     values = dict(zip(head, _numbers(cells, len(head), at), strict=True))
     foreign = [name for name, value in values.items() if value and name not in SHIFTS]
     if foreign:
-        raise DataError(where, expected=message("c0y-b0z-a0z"), found=", ".join(foreign), remedy=message("fold-three"))
+        raise DataError(
+            where,
+            expected=message("c0y-b0z-a0z"),
+            found=", ".join(foreign),
+            remedy=message("fold-three"),
+        )
     return {name: value for name, value in values.items() if value}
 
 
-def _joined(tables: Sequence[Table], squareness: Mapping[str, float], file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
+def _joined(
+    tables: Sequence[Table],
+    squareness: Mapping[str, float],
+    file: ControlFile,
+    profile: Profile,
+    how: Reading,
+) -> list[Table]:
     """Return the tables with each squareness in the function of its shift of the tool."""
     found = {table.name: table for table in tables}
     for name, value in squareness.items():
         target = SHIFTS[name]
         if target in found:
             table = found[target]
-            found[target] = replace(table, value_um=table.value_um + _shift_um(name, value, table.position_mm))
+            found[target] = replace(
+                table, value_um=table.value_um + _shift_um(name, value, table.position_mm)
+            )
             continue
         ends = profile.grid_mm(target[2])[[0, -1]]
         found[target] = Table(
-            kind=how.kind, input_axis=target[2], output_axis=target[1], position_mm=ends, value_um=_shift_um(name, value, ends),
-            quantum_um=1e-3, law=replace(how.laws[target[1]], ends="extended"), reference_mm=profile.axis(target[2]).reference_mm,
+            kind=how.kind,
+            input_axis=target[2],
+            output_axis=target[1],
+            position_mm=ends,
+            value_um=_shift_um(name, value, ends),
+            quantum_um=1e-3,
+            law=replace(how.laws[target[1]], ends="extended"),
+            reference_mm=profile.axis(target[2]).reference_mm,
             place={COLUMN: name},
-        )  # fmt: skip
+        )
     if not found:
         raise DataError(file.name, expected=message("columns-errors"), found=message("none"))
     return list(found.values())
 
 
-def _columns(file: ControlFile, block: Rows, values: Vector, profile: Profile, how: Reading) -> Iterator[Table]:
+def _columns(
+    file: ControlFile, block: Rows, values: Vector, profile: Profile, how: Reading
+) -> Iterator[Table]:
     (where, head), rows = block[0], block[1:]
     for column, name in enumerate(head[1:], start=1):
         if name[2] != head[0]:
@@ -176,7 +236,12 @@ def _columns(file: ControlFile, block: Rows, values: Vector, profile: Profile, h
         places = max(len(cells[column].partition(".")[2]) for _, cells in rows)
         if _ANGLE.match(name):
             yield from _angle(
-                file, where, Angle(name=name, position_mm=values[:, 0], value_urad=values[:, column] * 1e6), profile, how, places
+                file,
+                where,
+                Angle(name=name, position_mm=values[:, 0], value_urad=values[:, column] * 1e6),
+                profile,
+                how,
+                places,
             )
             continue
         yield Table(
@@ -192,24 +257,37 @@ def _columns(file: ControlFile, block: Rows, values: Vector, profile: Profile, h
         )
 
 
-def _angle(file: ControlFile, where: str, angle: Angle, profile: Profile, how: Reading, places: int) -> Iterator[Table]:
-    """Yield the products of an angle column; the numbers are in the sense of the control, as those of every column."""
+def _angle(
+    file: ControlFile, where: str, angle: Angle, profile: Profile, how: Reading, places: int
+) -> Iterator[Table]:
+    """Yield the products of an angle column; the numbers are in the sense of the control, as those
+    of every column."""
     if how.levers is None:
         if angle.value_urad.any():
             raise DataError(
-                where, expected=message("zero-levers", name=angle.name), found=message("an-angle"),
+                where,
+                expected=message("zero-levers", name=angle.name),
+                found=message("an-angle"),
                 remedy=message("state-chain", name=angle.name, file=file.name),
-            )  # fmt: skip
+            )
         return
     as_error = replace(angle, value_urad=angle.value_urad * -next(iter(how.laws.values())).factor)
     yield from angle_tables(
-        as_error, how.levers, profile, kind=how.angle_kind, laws=how.laws, quantum_urad=1e6 * 10.0**-places, place={}
-    )  # fmt: skip
+        as_error,
+        how.levers,
+        profile,
+        kind=how.angle_kind,
+        laws=how.laws,
+        quantum_urad=1e6 * 10.0**-places,
+        place={},
+    )
 
 
 def _numbers(cells: Sequence[str], count: int, where: str) -> list[float]:
     if len(cells) != count:
-        raise DataError(where, expected=message("count-numbers", count=count), found=" ".join(cells))
+        raise DataError(
+            where, expected=message("count-numbers", count=count), found=" ".join(cells)
+        )
     return [finite(cell, where) for cell in cells]
 
 
@@ -221,7 +299,12 @@ def _blocks(file: ControlFile) -> list[Rows]:
         else:
             blocks[-1].append((where, cells))
     if any(not block for block in blocks):
-        raise DataError(file.name, expected=message("heading-rows"), found=message("empty-block"), remedy=message("file-truncated"))
+        raise DataError(
+            file.name,
+            expected=message("heading-rows"),
+            found=message("empty-block"),
+            remedy=message("file-truncated"),
+        )
     return blocks
 
 

@@ -1,4 +1,5 @@
 """One export: from a result and a profile to a folder of files with its report.
 
-In: result, profile, folder. Out: files, hashes, report, or a refusal. Imported by `daq.service` and `stepdiag`.
+In: result, profile, folder. Out: files, hashes, report, or a refusal. Imported by `daq.service` and
+`stepdiag`.
 """

@@ -30,7 +30,13 @@ from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
+from stepdiag.exporters.safety.checks import (
+    Case,
+    check_round_trip,
+    refuse,
+    run_checks,
+    untested_kinds,
+)
 from stepdiag.exporters.safety.compensation import remarks as compensation_remarks
 from stepdiag.exporters.safety.compensation import require_agreement, require_answer
 from stepdiag.exporters.safety.gate import gate_findings, require_clean
@@ -46,7 +52,8 @@ from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
 from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
-"""The points of a quick look meet what was measured to this; targets that are not even need a part of the survey's increments."""
+"""The points of a quick look meet what was measured to this; targets that are not even need a part
+of the survey's increments."""
 
 
 def export(
@@ -61,16 +68,22 @@ def export(
 ) -> ExportReport:
     """Write the compensation files of a result and return what was written.
 
-    ``profile`` may be None for a quick look, with tables at the measured positions or in steps of ``step_mm`` (contract 5); with a profile
-    ``step_mm`` replaces its steps.
-    ``accept`` names the warnings that may pass. ``today`` dates the sign tests, so that a replay can repeat an old export.
+    ``profile`` may be None for a quick look, with tables at the measured positions or in steps of
+    ``step_mm`` (contract 5); with a profile ``step_mm`` replaces its steps. ``accept`` names the
+    warnings that may pass. ``today`` dates the sign tests, so that a replay can repeat an old
+    export.
 
-    Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a failed check (nothing is written), or,
-    where only the machine's own template is missing, after writing the readable report; ``UsageError`` for a wrong profile.
+    Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a
+    failed check (nothing is written), or, where only the machine's own template is missing, after
+    writing the readable report; ``UsageError`` for a wrong profile.
     """
     require_answer(result)
     if controller == lattice.NAME:
-        own = step_mm if step_mm is not None or profile is None else min(axis.step_mm for axis in profile.axes.values())
+        own = (
+            step_mm
+            if step_mm is not None or profile is None
+            else min(axis.step_mm for axis in profile.axes.values())
+        )
         return export_lattice(result, _steps(own, result), out_dir)
     if controller == etalon.NAME:
         return export_etalon(result, out_dir)
@@ -90,7 +103,11 @@ def export(
         *state_findings(result, case.previous, case.profile.machine.measured_with),
     )
     where = message("export-of", control=controller)
-    refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, where)
+    refuse(
+        (*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))),
+        accept,
+        where,
+    )
     prediction = predict(result, *standing.acting(result, case.profile))
     refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, where)
     all_findings = (
@@ -121,12 +138,14 @@ def export(
 
 
 def _may_refuse(finding: Finding, profile: Profile) -> bool:
-    """Return whether what the planning found refuses the export: its assumptions are the point of a quick look."""
+    """Return whether what the planning found refuses the export: its assumptions are the point of a
+    quick look."""
     return finding.severity == "error" or not profile.assumed
 
 
 def _require_something(plan: Plan, profile: Profile) -> None:
-    """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
+    """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of
+    nothing is no export."""
     if not plan.tables and not plan.listed:
         asked, why = profile.machine.functions, [each.words for each in plan.findings]
         raise SafetyError(
@@ -138,14 +157,25 @@ def _require_something(plan: Plan, profile: Profile) -> None:
         )
 
 
-def _settled(profile: Profile | None, control: Controller, result: Result, step_mm: float | None) -> Profile:
-    """Return the profile to plan with: given, given with another step, or the stand-in of a quick look."""
+def _settled(
+    profile: Profile | None, control: Controller, result: Result, step_mm: float | None
+) -> Profile:
+    """Return the profile to plan with: given, given with another step, or the stand-in of a quick
+    look."""
     if profile is None:
-        return _of_what_travelled(quick_profile(control, result.volume, _steps(step_mm, result)), result)
+        return _of_what_travelled(
+            quick_profile(control, result.volume, _steps(step_mm, result)), result
+        )
     if step_mm is None:
         return profile
     _require_step(step_mm)
-    return replace(profile, axes={letter: msgspec.structs.replace(axis, step_mm=step_mm) for letter, axis in profile.axes.items()})
+    return replace(
+        profile,
+        axes={
+            letter: msgspec.structs.replace(axis, step_mm=step_mm)
+            for letter, axis in profile.axes.items()
+        },
+    )
 
 
 def _of_what_travelled(profile: Profile, result: Result) -> Profile:
@@ -154,7 +184,11 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
     """
     if result.volume.solid:
         return profile
-    functions = [name for name in profile.machine.functions if name in result.errors and result.errors[name].value is not None]
+    functions = [
+        name
+        for name in profile.machine.functions
+        if name in result.errors and result.errors[name].value is not None
+    ]
     return replace(profile, machine=msgspec.structs.replace(profile.machine, functions=functions))
 
 
@@ -173,15 +207,29 @@ def _measured_step(result: Result, index: int) -> float:
     """Return the largest part of the survey's increments whose points meet the functions of an
     axis, or the part with the least miss.
     """
-    letter, low_mm, step_mm = AXIS_LETTERS[index], result.volume.origin_mm[index], float(result.volume.step_mm[index])
-    known = [(each.position_mm, each.value) for name, each in result.errors.items() if name[-1] == letter and each.value is not None]
+    letter, low_mm, step_mm = (
+        AXIS_LETTERS[index],
+        result.volume.origin_mm[index],
+        float(result.volume.step_mm[index]),
+    )
+    known = [
+        (each.position_mm, each.value)
+        for name, each in result.errors.items()
+        if name[-1] == letter and each.value is not None
+    ]
 
     def left_um(parts: int) -> float:
-        grid_mm: Vector = low_mm + step_mm / parts * np.arange(result.volume.increments * parts + 1, dtype=np.float64)
-        return max((missed_um(grid_mm, position_mm, value) for position_mm, value in known), default=0.0)
+        grid_mm: Vector = low_mm + step_mm / parts * np.arange(
+            result.volume.increments * parts + 1, dtype=np.float64
+        )
+        return max(
+            (missed_um(grid_mm, position_mm, value) for position_mm, value in known), default=0.0
+        )
 
     parts = range(1, FINEST_PART + 1)
-    return step_mm / next((each for each in parts if left_um(each) <= MET_UM), min(parts, key=left_um))
+    return step_mm / next(
+        (each for each in parts if left_um(each) <= MET_UM), min(parts, key=left_um)
+    )
 
 
 def _require_step(step_mm: float) -> None:
@@ -192,7 +240,11 @@ def _require_step(step_mm: float) -> None:
 def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     """Return the files for the control, read back and compared, and their restore files."""
     kinds = untested_kinds(case)
-    notes = [f"UNTESTED SIGN ({', '.join(kinds)}): make the sign test before this table is used"] if kinds else []
+    notes = (
+        [f"UNTESTED SIGN ({', '.join(kinds)}): make the sign test before this table is used"]
+        if kinds
+        else []
+    )
     rendered = case.controller.render(case.tables, case.profile, notes)
     readable = [file for file in rendered if file.role == "data"]
     read = case.controller.parse(readable, case.profile)
@@ -201,10 +253,21 @@ def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     restore = restore_files(case.controller, case.tables, case.profile)
     require_clean([*rendered, *restore], case.profile.existing)
     suffix = UNTESTED if kinds else ""
-    read_out = case.controller.read_back(case.tables, case.profile) if isinstance(case.controller, Reporting) else ()
-    return [*(replace(file, name=suffixed(file.name, suffix)) for file in rendered), *restore, *read_out]
+    read_out = (
+        case.controller.read_back(case.tables, case.profile)
+        if isinstance(case.controller, Reporting)
+        else ()
+    )
+    return [
+        *(replace(file, name=suffixed(file.name, suffix)) for file in rendered),
+        *restore,
+        *read_out,
+    ]
 
 
 def _refused(text: str, error: SafetyError) -> bytes:
-    head = f"NO FILE FOR THE CONTROL WAS WRITTEN: {error}\nThe tables below can be entered by hand.\n\n"
+    head = (
+        f"NO FILE FOR THE CONTROL WAS WRITTEN: {error}\nThe tables below can be entered by "
+        "hand.\n\n"
+    )
     return (head + text).encode()

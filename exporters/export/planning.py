@@ -33,7 +33,8 @@ _ROUNDS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """Everything that the checks look at, the plan, and what stands in the control before and after."""
+    """Everything that the checks look at, the plan, and what stands in the control before and
+    after."""
 
     case: Case
     plan: Plan
@@ -45,7 +46,11 @@ def planned(result: Result, control: Controller, profile: Profile, today: date) 
     require_chain(result, profile)
     if not profile.existing:
         case, plan = _once(result, control, profile, today, (), {}, frozenset())
-        return Planned(case=case, plan=plan, standing=Standing(after=tuple(case.tables), new=tuple(case.tables)))
+        return Planned(
+            case=case,
+            plan=plan,
+            standing=Standing(after=tuple(case.tables), new=tuple(case.tables)),
+        )
     tables_in(control, profile.existing, profile)  # refuses what stands there twice
     before = control.standing(profile.existing, (), profile)
     kept: dict[str, Curve] = {}
@@ -74,17 +79,35 @@ def _once(
 ) -> tuple[Case, Plan]:
     """Return a plan, with the ``kept`` curves and the ``products`` that stay unchanged."""
     on = profile.machine.measured_with == "on"
-    gone = [table for table in before if table.multiplier is not None and table.name not in products] if on else []
+    gone = (
+        [table for table in before if table.multiplier is not None and table.name not in products]
+        if on
+        else []
+    )
     names = [name for name in _names(result, control, profile) if name not in kept]
     fit = fitted(result, names, profile.machine.squareness_into, profile.zone, gone)
     curves: Sequence[Curve] = merged(fit.curves, before, profile) if on else fit.curves
     if kept:
         curves = sorted((*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name))
-    plan = control.plan_products(curves, fit.products, profile) if isinstance(control, Multiplying) else control.plan(curves, profile)
+    plan = (
+        control.plan_products(curves, fit.products, profile)
+        if isinstance(control, Multiplying)
+        else control.plan(curves, profile)
+    )
     settled = replace(profile, options=plan.options or profile.options)
     if before and isinstance(control, Emptying):
-        plan = replace(plan, tables=(*plan.tables, *control.emptied(profile.existing, plan.tables, settled)))
-    case = Case(controller=control, profile=settled, result=result, curves=curves, tables=plan.tables, previous=before, today=today)
+        plan = replace(
+            plan, tables=(*plan.tables, *control.emptied(profile.existing, plan.tables, settled))
+        )
+    case = Case(
+        controller=control,
+        profile=settled,
+        result=result,
+        curves=curves,
+        tables=plan.tables,
+        previous=before,
+        today=today,
+    )
     return case, plan
 
 
@@ -96,13 +119,23 @@ def _names(result: Result, control: Controller, profile: Profile) -> Sequence[st
     if not isinstance(control, Pairing):
         return asked
     paired = control.paired(asked, profile.machine.squareness_into)
-    return [name for name in paired if name in asked or ((found := result.errors.get(name)) is not None and found.value is not None)]
+    return [
+        name
+        for name in paired
+        if name in asked
+        or ((found := result.errors.get(name)) is not None and found.value is not None)
+    ]
 
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
-    """Return what stands in the control once the files of a plan are loaded over the machine's own."""
+    """Return what stands in the control once the files of a plan are loaded over the machine's
+    own."""
     try:
-        files = [file for file in case.controller.render(case.tables, case.profile) if file.role == "data"]
+        files = [
+            file
+            for file in case.controller.render(case.tables, case.profile)
+            if file.role == "data"
+        ]
     except SafetyError:  # reported when the files are written, after the checks of the plan
         return Standing(before=before, after=tuple(case.tables), new=tuple(case.tables))
     after = case.controller.standing(case.profile.existing, files, case.profile)
@@ -110,7 +143,8 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
 
 
 def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
-    """Return the error that the old tables of a function correct. Raises ``SafetyError`` where a mean would lose a direction of them."""
+    """Return the error that the old tables of a function correct. Raises ``SafetyError`` where a
+    mean would lose a direction of them."""
     old = [table for table in before if table.name == name and table.multiplier is None]
     grid = profile.grid_mm(name[2])
     forward, reverse = summed_um(old, grid, 1), summed_um(old, grid, -1)

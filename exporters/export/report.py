@@ -1,4 +1,5 @@
-"""The readable report of an export: plain text for the service engineer, the same bytes for the same export."""
+"""The readable report of an export: plain text for the service engineer, the same bytes for the
+same export."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,8 @@ from stepdiag.exporters.tables.tables import Table
 
 
 def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:
-    """Return the report: machine, warnings, effect, tables with their laws, old and new, steps to load and to check."""
+    """Return the report: machine, warnings, effect, tables with their laws, old and new, steps to
+    load and to check."""
     sections = (
         _head(case),
         _findings(findings),
@@ -32,24 +34,41 @@ def _head(case: Case) -> Iterator[str]:
     result, machine = case.result, case.profile.machine
     yield f"Compensation for {case.controller.title}"
     yield f"machine: {machine.name}; profile: {case.profile.source}"
-    yield f"result: sha256 {hashlib.sha256(result.to_json().encode()).hexdigest()}, method {result.method}, chain {result.chain}"
-    yield f"written by {result.software.name} {result.software.version}; lengths in mm, errors in µm, e = actual - commanded"
+    yield (
+        f"result: sha256 {hashlib.sha256(result.to_json().encode()).hexdigest()}, method "
+        f"{result.method}, chain {result.chain}"
+    )
+    yield (
+        f"written by {result.software.name} {result.software.version}; lengths in mm, errors in "
+        "µm, e = actual - commanded"
+    )
     yield f"directions: {machine.direction}; compensation while measuring: {_state(case)}"
     for letter, axis in case.profile.axes.items():
-        yield f"axis {letter}: {axis.name}, {case.profile.grid_words(letter)}, zero at {axis.reference_mm:g}"
+        yield (
+            f"axis {letter}: {axis.name}, {case.profile.grid_words(letter)}, zero at "
+            f"{axis.reference_mm:g}"
+        )
     for curve in case.curves:
         yield f"{curve.name} = {' + '.join(curve.parts)}"
 
 
 def _state(case: Case) -> str:
     statement = stated_in(case.result)
-    return statement.words() if statement.state else f"{case.profile.machine.measured_with} (as the profile says)"
+    return (
+        statement.words()
+        if statement.state
+        else f"{case.profile.machine.measured_with} (as the profile says)"
+    )
 
 
 def _findings(findings: Sequence[Finding]) -> Iterator[str]:
     yield "REMARKS"
     for severity in ("error", "warning", "info"):
-        yield from (f"  {severity:<8} {item.code}: {item.words}" for item in findings if item.severity == severity)
+        yield from (
+            f"  {severity:<8} {item.code}: {item.words}"
+            for item in findings
+            if item.severity == severity
+        )
 
 
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
@@ -57,10 +76,20 @@ def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
     yield f"  {'':<30}{'rms':>16}{'largest':>16}"
     for name, figures in prediction.predicted.parts().items():
         for when, found in figures.items():
-            yield f"  {name + ', ' + when:<30}{found.rms_um.words()!s:>16}{found.largest_um.bound()!s:>16}"
+            yield (
+                "  "
+                f"{name + ', ' + when:<30}{found.rms_um.words()!s:>16}"
+                f"{found.largest_um.bound()!s:>16}"
+            )
     if any(not scale.identified for scale in case.result.scale.values()):
-        yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
-    yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"
+        yield (
+            "  scales that the survey does not identify are in neither figure: measure linear "
+            "runs to see and to correct them"
+        )
+    yield (
+        "  what remains: what angles do away from the middle (no table of one axis holds it), "
+        "the rounding, and the curves between points"
+    )
 
 
 def _basis(found: Basis) -> Iterator[str]:
@@ -76,11 +105,20 @@ def _basis(found: Basis) -> Iterator[str]:
         yield f"  the tables correct lengths {names[found.tables]}; {warm}"
         if found.scales:
             yield f"  scales {names[found.tables]}, µm/m (k = 2): {scales_in_words(found.scales)}"
-        yield f"  scales {names[found.beside]}, in no table: {scales_in_words(found.other) or 'not known'}"
-    yield from (f"  {name} {value:g}: assumed where no sensor measured it" for name, value in found.air.items())
+        yield (
+            f"  scales {names[found.beside]}, in no table: "
+            f"{scales_in_words(found.other) or 'not known'}"
+        )
+    yield from (
+        f"  {name} {value:g}: assumed where no sensor measured it"
+        for name, value in found.air.items()
+    )
     yield from (f"  {name:<24}{value:>12g}" for name, value in found.assumed.items())
     if found.tool_um is not None:
-        yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} µm"
+        yield (
+            "  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm "
+            f"from it may differ by {found.tool_um:.1f} µm"
+        )
 
 
 def _tables(case: Case, plan: Plan) -> Iterator[str]:
@@ -88,9 +126,17 @@ def _tables(case: Case, plan: Plan) -> Iterator[str]:
         law = next(table.law for table in plan.tables if table.kind == kind)
         yield f"LAW of {kind}: {law.words}"
     for table in plan.tables:
-        yield from ("", f"TABLE {table.label}, one unit is {table.quantum_um:g} µm", *_rows(case, table))
+        yield from (
+            "",
+            f"TABLE {table.label}, one unit is {table.quantum_um:g} µm",
+            *_rows(case, table),
+        )
     for table in plan.listed:
-        yield from ("", f"NOT IN ANY FILE: {table.label}, one unit is {table.quantum_um:g} µm", *_rows(case, table))
+        yield from (
+            "",
+            f"NOT IN ANY FILE: {table.label}, one unit is {table.quantum_um:g} µm",
+            *_rows(case, table),
+        )
 
 
 def _rows(case: Case, table: Table) -> Iterator[str]:
@@ -98,7 +144,8 @@ def _rows(case: Case, table: Table) -> Iterator[str]:
 
 
 def _changes(case: Case) -> Iterator[str]:
-    """Yield old, new and difference as movement of the axis, where a table was in the control before."""
+    """Yield old, new and difference as movement of the axis, where a table was in the control
+    before."""
     for table in case.tables:
         before = [old for old in case.previous if old.name == table.name]
         if before:
@@ -106,19 +153,34 @@ def _changes(case: Case) -> Iterator[str]:
             yield f"  {'position mm':>14} {'old':>10} {'new':>10} {'change':>10}"
             old, new = movement_um(table, before), movement_um(table, [table])
             for at, was, will in zip(table.position_mm, old, new, strict=True):
-                yield f"  {at:>14.4f} {fixed(was, 3):>10} {fixed(will, 3):>10} {fixed(will - was, 3):>10}"
+                yield (
+                    f"  {at:>14.4f} {fixed(was, 3):>10} {fixed(will, 3):>10} "
+                    f"{fixed(will - was, 3):>10}"
+                )
 
 
 def _steps(case: Case) -> Iterator[str]:
     yield "LOADING"
-    untested = "Files named _UNTESTED_SIGN: make the sign test first, then export again with its record in the profile."
+    untested = (
+        "Files named _UNTESTED_SIGN: make the sign test first, then export again with its record "
+        "in the profile."
+    )
     steps = (*case.controller.instructions(case.profile), untested)
     yield from (f"  {number}. {step}" for number, step in enumerate(steps, start=1))
     if case.controller.name in STEPS:
         yield "READ BACK"
         yield f"  1. {STEPS[case.controller.name]}"
-        yield "  2. stepdiag verify RESULT FOLDER --profile PROFILE --read-back FILE: every number and switch, as the control holds it now."
+        yield (
+            "  2. stepdiag verify RESULT FOLDER --profile PROFILE --read-back FILE: every number "
+            "and switch, as the control holds it now."
+        )
     yield "CHECK AFTER LOADING"
-    yield "  1. Reference all axes. Drive to the reference position: no jump when the table is switched on."
-    yield "  2. Measure one axis again: the residual must be smaller than before; otherwise load the restore files."
+    yield (
+        "  1. Reference all axes. Drive to the reference position: no jump when the table is "
+        "switched on."
+    )
+    yield (
+        "  2. Measure one axis again: the residual must be smaller than before; otherwise load "
+        "the restore files."
+    )
     yield "  3. Measure the diagonals again, and lines that were not part of the survey."

@@ -26,7 +26,12 @@ from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
 from stepdiag.exporters.safety.verdicts.case import COVERED
-from stepdiag.exporters.safety.verify import Prediction, harm_findings, predict_moved, worse_findings
+from stepdiag.exporters.safety.verify import (
+    Prediction,
+    harm_findings,
+    predict_moved,
+    worse_findings,
+)
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
@@ -35,32 +40,65 @@ from stepdiag.exporters.tables.tables import mean_correction_um
 
 
 def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:
-    """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
+    """Write the correction vectors of the whole error field; no control's law is involved, so there
+    is no sign to test."""
     held = lattice.lattice_of(result, steps_mm)
-    steps = " x ".join(f"{each:g}" for each in steps_mm) if len(set(steps_mm)) > 1 else f"{steps_mm[0]:g}"
+    steps = (
+        " x ".join(f"{each:g}" for each in steps_mm)
+        if len(set(steps_mm)) > 1
+        else f"{steps_mm[0]:g}"
+    )
     file, remarks = lattice.render(held), tuple(_beside(result, held))
-    text = f"{file.name}: what has to be added to the command at each vertex, in µm; step {steps} mm\n"
-    text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
+    text = (
+        f"{file.name}: what has to be added to the command at each vertex, in µm; step {steps} mm\n"
+    )
+    text += (
+        f"compensation while measuring: {stated_in(result).words()}; where it was on, the "
+        "vectors come on top of what was active\n"
+    )
     text += "".join(f"{item.code}: {item.words}\n" for item in remarks)
     require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
-    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=remarks, tables=(), prediction=None, text=text)
+    return ExportReport(
+        controller=lattice.NAME,
+        out_dir=out_dir,
+        files=names,
+        findings=remarks,
+        tables=(),
+        prediction=None,
+        text=text,
+    )
 
 
 def export_etalon(result: Result, out_dir: Path) -> ExportReport:
-    """Write every function of the result in the Etalon Exchange format, for other software: no control's law is involved."""
+    """Write every function of the result in the Etalon Exchange format, for other software: no
+    control's law is involved."""
     file = etalon.render(result)
-    text = f"{file.name}: functions and squareness, chain {result.chain}; levers of angles count from the zero of the axes\n"
+    text = (
+        f"{file.name}: functions and squareness, chain {result.chain}; levers of angles count "
+        "from the zero of the axes\n"
+    )
     text += f"compensation while measuring: {stated_in(result).words()}\n"
     require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
-    return ExportReport(controller=etalon.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
+    return ExportReport(
+        controller=etalon.NAME,
+        out_dir=out_dir,
+        files=names,
+        findings=(),
+        tables=(),
+        prediction=None,
+        text=text,
+    )
 
 
-def export_kinematics(result: Result, profile: Profile, accept: Collection[str], out_dir: Path) -> ExportReport:
+def export_kinematics(
+    result: Result, profile: Profile, accept: Collection[str], out_dir: Path
+) -> ExportReport:
     """Write lattice, component and lines for LinuxCNC, with a lattice of zeros to restore.
 
-    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and where a lattice was active while measuring that is not given.
+    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and where a lattice was
+    active while measuring that is not given.
     """
     axes = (profile.grid_mm("X"), profile.grid_mm("Y"), profile.grid_mm("Z"))
     kinematics.require_room(axes, profile)
@@ -74,29 +112,54 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
         *_stated(result, profile),
         *_beside(result, held),
     )
-    refuse([item for item in findings if item.severity != "info"], accept, message("export-of", control="linuxcnc"))
+    refuse(
+        [item for item in findings if item.severity != "info"],
+        accept,
+        message("export-of", control="linuxcnc"),
+    )
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
-    refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, message("export-of", control="linuxcnc"))
+    refuse(
+        tuple(worse_findings(prediction, Standing(), result, profile)),
+        accept,
+        message("export-of", control="linuxcnc"),
+    )
     findings = (*findings, *harm_findings(prediction, result))
     joints = profile.options_as(LinuxCncOptions).joints
     files = kinematics.control_files(held, profile, joints)
-    restore = [replace(file, name=suffixed(file.name, RESTORE)) for file in kinematics.restore_files(held, profile, joints)]
-    require_clean([file for file in (*files, *restore) if lattice.recognises(file)], profile.existing)
+    restore = [
+        replace(file, name=suffixed(file.name, RESTORE))
+        for file in kinematics.restore_files(held, profile, joints)
+    ]
+    require_clean(
+        [file for file in (*files, *restore) if lattice.recognises(file)], profile.existing
+    )
     text = _report(result, profile, findings, prediction)
-    names = write_set(out_dir, [*files, *restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
-    return ExportReport(controller="linuxcnc", out_dir=out_dir, files=names, findings=findings, tables=(), prediction=prediction, text=text)
+    names = write_set(
+        out_dir, [*files, *restore, ControlFile(name=REPORT, data=text.encode(), role="note")]
+    )
+    return ExportReport(
+        controller="linuxcnc",
+        out_dir=out_dir,
+        files=names,
+        findings=findings,
+        tables=(),
+        prediction=prediction,
+        text=text,
+    )
 
 
 def _active(profile: Profile) -> Lattice | None:
-    """Return the lattice that acted while measuring. Raises ``SafetyError`` where something else did."""
+    """Return the lattice that acted while measuring. Raises ``SafetyError`` where something else
+    did."""
     if profile.machine.measured_with == "off":
         return None
     return lattice.parse(lattice.the_one_in(profile.existing, profile.source))
 
 
 def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
-    """Return what moved the machine before and was off while measuring: the lattice takes its place, tables and all."""
+    """Return what moved the machine before and was off while measuring: the lattice takes its
+    place, tables and all."""
     if profile.machine.measured_with == "on" or not profile.existing:
         return np.zeros_like
     lattices = [file for file in profile.existing if lattice.recognises(file)]
@@ -113,28 +176,57 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:
-        yield finding("error", message("value-large.lattice-limit", largest_um=largest, value_um=most.value_um))
+        yield finding(
+            "error",
+            message("value-large.lattice-limit", largest_um=largest, value_um=most.value_um),
+        )
     elif largest > most.warn_value_um:
-        yield finding("warning", message("value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um))
+        yield finding(
+            "warning",
+            message("value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um),
+        )
     slopes = [
-        float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
+        float(
+            np.max(
+                np.abs(np.diff(held.vectors_um, axis=axis))
+                / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])
+            )
+        )
         for axis, at in enumerate(held.axes_mm)
     ]
-    allowed = [limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments) for size_mm in result.volume.size_mm]
+    allowed = [
+        limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments)
+        for size_mm in result.volume.size_mm
+    ]
     steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
     if steepest > steep:
-        yield finding("warning", message("slope-steep.lattice", steepest_um_mm=steepest, steep_um_mm=steep))
+        yield finding(
+            "warning", message("slope-steep.lattice", steepest_um_mm=steepest, steep_um_mm=steep)
+        )
     for each in result.findings:
         if each.severity == "error":
             yield finding("error", message("data-quality", code=each.code, what=each.words))
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield what refuses a lattice that lies beside the measured volume, as a table there is refused: its faces would be held all over."""
-    for letter, at, low, size in zip("XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True):
+    """Yield what refuses a lattice that lies beside the measured volume, as a table there is
+    refused: its faces would be held all over."""
+    for letter, at, low, size in zip(
+        "XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True
+    ):
         first, last, high = float(at[0]), float(at[-1]), low + size
         if min(last, high) - max(first, low) < COVERED * size:
-            yield finding("error", message("beyond-travel.lattice", letter=letter, first_mm=first, last_mm=last, low_mm=low, high_mm=high))
+            yield finding(
+                "error",
+                message(
+                    "beyond-travel.lattice",
+                    letter=letter,
+                    first_mm=first,
+                    last_mm=last,
+                    low_mm=low,
+                    high_mm=high,
+                ),
+            )
 
 
 def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
@@ -149,7 +241,8 @@ def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
 
 
 def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield what the lattice leaves between its vertices, where they do not stand at the measured positions."""
+    """Yield what the lattice leaves between its vertices, where they do not stand at the measured
+    positions."""
     missed = {
         name: missed_um(held.axes_mm["XYZ".index(name[2])], known.position_mm, known.value)
         for name in DISPLACEMENTS
@@ -158,7 +251,9 @@ def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
     yield from coarse(message("the-lattice"), missed)
 
 
-def _report(result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction) -> str:
+def _report(
+    result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction
+) -> str:
     """Return the readable report: what it is, remarks, effect, steps."""
     unknown = [name for name, function in result.errors.items() if function.value is None]
     lines = [
@@ -168,15 +263,26 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
         "",
         "REMARKS",
         *(f"  {item.severity:<8} {item.code}: {item.words}" for item in findings),
-        *([f"  not in the lattice, because the result does not identify it: {', '.join(unknown)}"] if unknown else []),
+        *(
+            [f"  not in the lattice, because the result does not identify it: {', '.join(unknown)}"]
+            if unknown
+            else []
+        ),
         "",
         "PREDICTED VOLUMETRIC ERROR without rigid motion, in µm (k = 2)",
         *(f"  {line}" for line in _effect(prediction)),
         "",
-        "LAW: joint = command + lattice(command), trilinear, faces held; stated by the source of the component",
+        (
+            "LAW: joint = command + lattice(command), trilinear, faces held; stated by the "
+            "source of "
+            "the component"
+        ),
         "",
         "LOADING",
-        *(f"  {number}. {step}" for number, step in enumerate(kinematics.instructions(profile), start=1)),
+        *(
+            f"  {number}. {step}"
+            for number, step in enumerate(kinematics.instructions(profile), start=1)
+        ),
     ]
     return "\n".join([*lines, ""])
 

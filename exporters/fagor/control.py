@@ -1,8 +1,9 @@
 """Fagor 8055: the leadscrew compensation table of each axis, as a list to be keyed in.
 
-Manual of the 8055i, p. 328: with LSCRWCOM (P15) on and NPOINTS (P16) points, each row holds a position from machine zero, the amount of
-error in the + direction and in the - direction, in mm; a - column of zeros means that the + column counts for both. "Amount of error":
-as error, by the wording. No transfer format is public, and no cross table is described.
+Manual of the 8055i, p. 328: with LSCRWCOM (P15) on and NPOINTS (P16) points, each row holds a
+position from machine zero, the amount of error in the + direction and in the - direction, in mm; a
+- column of zeros means that the + column counts for both. "Amount of error": as error, by the
+wording. No transfer format is public, and no cross table is described.
 """
 
 from stepdiag.base.findings import finding
@@ -21,10 +22,23 @@ FAGOR = AxisList(
     value_um=99999.9999e3,
     steps=(
         "Back up the machine parameters and the leadscrew tables.",
-        "Set LSCRWCOM (P15) to ON and NPOINTS (P16) to the number of rows of each axis; key in the rows in rising order.",
-        "A column ERROR - of zeros means that ERROR + counts for both directions. Set BACKLASH to 0 where both columns differ.",
-        "Positions count from machine zero; the error at the reference is 0. Restart, reference the axes.",
-        "The sense is taken from the wording: sign test first. Measure again; if the residual has grown, key in the restore list.",
+        (
+            "Set LSCRWCOM (P15) to ON and NPOINTS (P16) to the number of rows of each axis; key in "
+            "the rows in rising order."
+        ),
+        (
+            "A column ERROR - of zeros means that ERROR + counts for both directions. Set BACKLASH "
+            "to 0 where both columns differ."
+        ),
+        (
+            "Positions count from machine zero; the error at the reference is 0. Restart, "
+            "reference "
+            "the axes."
+        ),
+        (
+            "The sense is taken from the wording: sign test first. Measure again; if the residual "
+            "has grown, key in the restore list."
+        ),
     ),
     remarks=(finding("info", message("sign-untested.fagor")),),
 )

@@ -1,4 +1,5 @@
-"""FANUC: stored pitch error compensation, inclination and four-point straightness, written into the machine's own punch files.
+"""FANUC: stored pitch error compensation, inclination and four-point straightness, written into the
+machine's own punch files.
 
 Without these files nothing is written for the control: the prefix of a pitch line differs between
 series and a wrong prefix addresses parameters (controllers.md 2.6). The readable table in the
@@ -51,14 +52,20 @@ class Fanuc:
     """The FANUC family as `exporters.tables.controller.Controller`."""
 
     name: str = "fanuc"
-    title: str = "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i (stored pitch error, inclination, straightness)"
+    title: str = (
+        "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i (stored pitch error, inclination, straightness)"
+    )
     kinds: tuple[str, ...] = (pitch.KIND, lines.INCLINATION, lines.STRAIGHTNESS)
     options: type[msgspec.Struct] = FanucOptions
     options_template: str = TEMPLATE
 
     def quick_options(self) -> FanucOptions:
-        """Return the options of a quick look: 1 um detection unit, axes 1 2 3, reference points 100, 300, 500."""
-        axes = {letter: AxisPoints(number=n, reference_point=200 * n - 100) for n, letter in enumerate("XYZ", start=1)}
+        """Return the options of a quick look: 1 um detection unit, axes 1 2 3, reference points
+        100, 300, 500."""
+        axes = {
+            letter: AxisPoints(number=n, reference_point=200 * n - 100)
+            for n, letter in enumerate("XYZ", start=1)
+        }
         return FanucOptions(detection_unit_um=1.0, axes=axes)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
@@ -66,15 +73,29 @@ class Fanuc:
         options = profile.options_as(FanucOptions)
         if table.kind != pitch.KIND:
             return Limits(points=4)
-        return Limits(points=options.points_per_axis, neighbour_um=options.increment_limit * table.quantum_um, slope_um_mm=None)
+        return Limits(
+            points=options.points_per_axis,
+            neighbour_um=options.increment_limit * table.quantum_um,
+            slope_um_mm=None,
+        )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return pitch tables for positioning errors, with inclination where asked, and four-point tables for straightness."""
+        """Return pitch tables for positioning errors, with inclination where asked, and four-point
+        tables for straightness."""
         masters = [read_punch(file) for file in profile.existing]
-        wide = [curve for curve in curves if curve.name not in POSITIONING and len(profile.grid_mm(curve.input_axis)) >= 4]
+        wide = [
+            curve
+            for curve in curves
+            if curve.name not in POSITIONING and len(profile.grid_mm(curve.input_axis)) >= 4
+        ]
         asked = profile.options_as(FanucOptions)
-        fitted = {curve.name: lines.line_table(lines.STRAIGHTNESS, curve, profile, asked) for curve in wide}
-        options = given_to({name: table for name, (table, _) in fitted.items()}, asked, masters, profile.source)
+        fitted = {
+            curve.name: lines.line_table(lines.STRAIGHTNESS, curve, profile, asked)
+            for curve in wide
+        }
+        options = given_to(
+            {name: table for name, (table, _) in fitted.items()}, asked, masters, profile.source
+        )
         tables: list[Table] = []
         listed: list[Table] = []
         findings: list[Finding] = []
@@ -82,7 +103,9 @@ class Fanuc:
             if curve.name in POSITIONING:
                 tables += _positioning(curve, profile, options)
             elif curve.name not in fitted:
-                findings.append(finding("info", message("function-left-out.points", name=curve.name)))
+                findings.append(
+                    finding("info", message("function-left-out.points", name=curve.name))
+                )
             else:
                 table, left_um = fitted[curve.name]
                 if (numbers := options.straightness.get(curve.name)) is None:
@@ -100,8 +123,14 @@ class Fanuc:
             options=_with_magnifications(options, tables),
         )
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:  # noqa: ARG002 - punch files hold nothing but data: notes have no place in them
-        """Return the machine's own punch files with new numbers behind P; every other byte as it was.
+    def render(
+        self,
+        tables: Sequence[Table],
+        profile: Profile,
+        notes: Sequence[str] = (),  # noqa: ARG002
+    ) -> tuple[ControlFile, ...]:
+        """Return the machine's own punch files with new numbers behind P; every other byte as it
+        was.
 
         Raises ``SafetyError`` (code ``template-missing``) without the machine's punched pitch data.
         """
@@ -120,7 +149,12 @@ class Fanuc:
             )
         _refuse_lacking(parameters, masters, profile)
         written = [
-            ControlFile(name=master.name, data=master.changed(pitch if master.pitch else {}, fitted(parameters, master, options)))
+            ControlFile(
+                name=master.name,
+                data=master.changed(
+                    pitch if master.pitch else {}, fitted(parameters, master, options)
+                ),
+            )
             for master in masters
         ]
         return tuple(written)
@@ -128,8 +162,9 @@ class Fanuc:
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables that the punch files hold for the axes of the profile.
 
-        Point numbers, interval and magnification come from the parameters where a file has them, else from the profile. Raises
-        ``UsageError`` without a profile: where the reference lies is not in these files.
+        Point numbers, interval and magnification come from the parameters where a file has them,
+        else from the profile. Raises ``UsageError`` without a profile: where the reference lies is
+        not in these files.
         """
         if profile.assumed:
             expected = message("profile-punch")
@@ -138,10 +173,16 @@ class Fanuc:
         punched = [read_punch(file) for file in files]
         if not any(master.pitch for master in punched):
             where = ", ".join(file.name for file in files) or message("no-table-file")
-            raise DataError(where, expected=message("pitch-data", number=FIRST_PITCH_LINE), found=message("none"))
+            raise DataError(
+                where,
+                expected=message("pitch-data", number=FIRST_PITCH_LINE),
+                found=message("none"),
+            )
         return read_tables(punched, profile, options)
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the tables in the memory of the control: a punch file replaces its template
         wholly.
         """
@@ -151,11 +192,16 @@ class Fanuc:
         return self.parse(files, profile) if files else ()
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return 8135#0 and 3605#0 of the axes with pitch data, as far as the machine's own files have them: series differ in them."""
+        """Return 8135#0 and 3605#0 of the axes with pitch data, as far as the machine's own files
+        have them: series differ in them."""
         needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
         both = {axis: text for (number, axis), text in needed.items() if number == BIDIRECTIONAL}
         wanted = {switch_name(DISABLED, None): "0"}
-        wanted |= {switch_name(BIDIRECTIONAL, axis): both.get(axis, "0") for number, axis in needed if number == INTERVAL}
+        wanted |= {
+            switch_name(BIDIRECTIONAL, axis): both.get(axis, "0")
+            for number, axis in needed
+            if number == INTERVAL
+        }
         own = switches_in([read_punch(file) for file in profile.existing])
         return {name: value for name, value in wanted.items() if name in own}
 
@@ -164,12 +210,17 @@ class Fanuc:
         return switches_in([read_punch(file) for file in files])
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
-        """Return the machine's own punch files: an export changes only numbers that stand in them."""
+        """Return the machine's own punch files: an export changes only numbers that stand in
+        them."""
         return profile.existing
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is a punch file: % first, then N blocks."""
-        return file.data.lstrip().startswith(b"%") and b"\nN" in file.data.replace(b"\r", b"") and b"_N_" not in file.data[:40]
+        return (
+            file.data.lstrip().startswith(b"%")
+            and b"\nN" in file.data.replace(b"\r", b"")
+            and b"_N_" not in file.data[:40]
+        )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
         """Return the parameters and the point data as they would be typed in."""
@@ -178,12 +229,29 @@ class Fanuc:
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return the steps for the service engineer (controllers.md 2.1, 2.6)."""
         return (
-            "Punch out parameters and pitch data first (SYSTEM > PARAM > PUNCH, SYSTEM > PITCH > PUNCH) and keep them.",
-            "Copy the files in binary; on the memory card only the new file should lie, many files can hide it.",
-            "EDIT or emergency stop, parameter write enable 1 (alarm 100 comes), I/O channel 4, SYSTEM > PITCH > (OPRT) > READ;",
+            (
+                "Punch out parameters and pitch data first (SYSTEM > PARAM > PUNCH, SYSTEM > "
+                "PITCH > "
+                "PUNCH) and keep them."
+            ),
+            (
+                "Copy the files in binary; on the memory card only the new file should lie, many "
+                "files can hide it."
+            ),
+            (
+                "EDIT or emergency stop, parameter write enable 1 (alarm 100 comes), I/O channel "
+                "4, "
+                "SYSTEM > PITCH > (OPRT) > READ;"
+            ),
             "a file of parameters the same way under SYSTEM > PARAM.",
-            "See that 3620-3624 are as in the report and that the ranges of the axes do not overlap; 8135#0 (NPE) must be 0 on 0i-D.",
-            "Parameter write enable 0, power off and on, reference return of every axis: only then the table acts.",
+            (
+                "See that 3620-3624 are as in the report and that the ranges of the axes do not "
+                "overlap; 8135#0 (NPE) must be 0 on 0i-D."
+            ),
+            (
+                "Parameter write enable 0, power off and on, reference return of every axis: only "
+                "then the table acts."
+            ),
             "1851 (backlash) stays as it is unless the report says otherwise.",
             "Measure again; if the residual has grown, read the restore files in.",
         )
@@ -215,22 +283,35 @@ def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> Fanu
     for table in tables:
         if table.kind == pitch.KIND:
             magnification = round(table.quantum_um / options.detection_unit_um)
-            axes[table.input_axis] = msgspec.structs.replace(axes[table.input_axis], magnification=magnification)
+            axes[table.input_axis] = msgspec.structs.replace(
+                axes[table.input_axis], magnification=magnification
+            )
     return msgspec.structs.replace(options, axes=axes)
 
 
-def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile) -> None:
+def _refuse_lacking(
+    parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile
+) -> None:
     """Refuse a loss of inclination, straightness or a second direction for want of their parameter
     lines.
     """
-    needed = [key for key, text in parameters.items() if key[0] not in SET_BY_HAND and (key[0], text) != (BIDIRECTIONAL, "0")]
+    needed = [
+        key
+        for key, text in parameters.items()
+        if key[0] not in SET_BY_HAND and (key[0], text) != (BIDIRECTIONAL, "0")
+    ]
     missing = [key for key in needed if all(master.parameter(*key) is None for master in masters)]
     if missing:
         raise SafetyError(
             f"{profile.source}: machine.existing",
             code="template-missing.parameters",
             expected=message("own-parameters"),
-            found=message("none-number", numbers=[f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]]),
+            found=message(
+                "none-number",
+                numbers=[
+                    f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]
+                ],
+            ),
             remedy=message("punch-too"),
         )
 
@@ -242,7 +323,9 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
     if not any(any(file.pitch.values()) for file in own):
         return
     axes = [axis.number for axis in profile.options_as(FanucOptions).axes.values()]
-    missing = [number for number in axes if all(file.parameter(INTERVAL, number) is None for file in own)]
+    missing = [
+        number for number in axes if all(file.parameter(INTERVAL, number) is None for file in own)
+    ]
     if missing:
         raise SafetyError(
             f"{profile.source}: machine.existing",
@@ -253,20 +336,29 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
         )
 
 
-def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse straight lines between pitch points of an axis that the plan leaves alone and the own file has elsewhere."""
+def _require_pitch_points(
+    tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile
+) -> None:
+    """Refuse straight lines between pitch points of an axis that the plan leaves alone and the own
+    file has elsewhere."""
     options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}
     for letter in sorted({table.input_axis for table in tables} - own):
         number, step_mm = options.axes[letter].number, profile.axis(letter).step_mm
-        for text in (text for master in masters if (text := master.parameter(INTERVAL, number)) is not None):
-            interval_mm = finite(text, f"parameter {INTERVAL} A{number}") * (1.0 if "." in text else options.least_input_um / 1000.0)
+        for text in (
+            text for master in masters if (text := master.parameter(INTERVAL, number)) is not None
+        ):
+            interval_mm = finite(text, f"parameter {INTERVAL} A{number}") * (
+                1.0 if "." in text else options.least_input_um / 1000.0
+            )
             if abs(interval_mm - step_mm) > 1e-6:
                 name = next(table.name for table in tables if table.input_axis == letter)
                 raise SafetyError(
                     f"{profile.source}: machine.functions",
                     code="profile-incomplete.pitch-points",
-                    expected=message("e-beside-whose-points", letter=letter, name=name, step_mm=step_mm),
+                    expected=message(
+                        "e-beside-whose-points", letter=letter, name=name, step_mm=step_mm
+                    ),
                     found=message("interval-own", number=INTERVAL, step_mm=interval_mm),
                     remedy=message("export-too"),
                 )
@@ -275,14 +367,30 @@ def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile],
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
     if curve.name in options.straightness:
         return finding("info", message("step-coarse.four-points", name=curve.name, um=left_um))
-    why = message("sets-hold-others") if options.straightness else message("straightness-by-option", name=curve.name)
-    return finding("info", message("function-left-out.report", name=curve.name, left_um=left_um, why=why))
+    why = (
+        message("sets-hold-others")
+        if options.straightness
+        else message("straightness-by-option", name=curve.name)
+    )
+    return finding(
+        "info", message("function-left-out.report", name=curve.name, left_um=left_um, why=why)
+    )
 
 
 def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error for every two pitch tables that use the same point numbers (controllers.md 10.5)."""
+    """Yield an error for every two pitch tables that use the same point numbers (controllers.md
+    10.5)."""
     ranges = [(table, set(stored_in(table))) for table in tables if table.kind == pitch.KIND]
     for index, (one, its_points) in enumerate(ranges):
         for other, other_points in ranges[index + 1 :]:
             if shared := sorted(its_points & other_points):
-                yield finding("error", message("points-overlap", one=one.label, other=other.label, first=shared[0], last=shared[-1]))
+                yield finding(
+                    "error",
+                    message(
+                        "points-overlap",
+                        one=one.label,
+                        other=other.label,
+                        first=shared[0],
+                        last=shared[-1],
+                    ),
+                )

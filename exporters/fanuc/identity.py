@@ -26,7 +26,9 @@ _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 """Least input increment by 1013#0 (IS-A) and 1013#1 (IS-C)."""
 
 
-def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> Iterator[Finding]:
+def identity_findings(
+    masters: Sequence[PunchFile], profile: Profile, options: FanucOptions
+) -> Iterator[Finding]:
     """Yield an error or a warning for every contradiction between the machine's own files and the
     profile; a missing parameter is no evidence.
     """
@@ -35,46 +37,101 @@ def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: F
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
         yield finding("warning", message("units-not-metric.machine"))
     used = found_in(masters, msgspec.structs.replace(options, straightness_option=True))
-    acting = [name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)]
+    acting = [
+        name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)
+    ]
     if acting and not options.straightness_option and not options.straightness:
         yield finding("warning", message("machine-file-differs.straightness", names=acting))
     for letter, axis in options.axes.items():
         yield from _axis(masters, letter, axis, profile, options)
 
 
-def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: Profile, options: FanucOptions) -> Iterator[Finding]:
+def _axis(
+    masters: Sequence[PunchFile],
+    letter: str,
+    axis: AxisPoints,
+    profile: Profile,
+    options: FanucOptions,
+) -> Iterator[Finding]:
     name = _number(masters, AXIS_NAME, axis.number)
     if name is not None and name != ord(letter):
         shown = chr(name) if 32 < name < 127 else str(name)
         yield finding(
-            "error", message("machine-file-differs.axis", number=axis.number, name=name, shown=shown, again=axis.number, letter=letter)
+            "error",
+            message(
+                "machine-file-differs.axis",
+                number=axis.number,
+                name=name,
+                shown=shown,
+                again=axis.number,
+                letter=letter,
+            ),
         )
-    others = [key for key in OF_EVERY_AXIS if _text(masters, key, axis.number) is None and any(_text(masters, key, each) for each in AXES)]
+    others = [
+        key
+        for key in OF_EVERY_AXIS
+        if _text(masters, key, axis.number) is None
+        and any(_text(masters, key, each) for each in AXES)
+    ]
     if others:
         yield finding(
             "error",
-            message("machine-file-differs.no-axis", parameter=others[0], number=axis.number, again=axis.number, letter=letter),
+            message(
+                "machine-file-differs.no-axis",
+                parameter=others[0],
+                number=axis.number,
+                again=axis.number,
+                letter=letter,
+            ),
         )
-    reference, highest = _number(masters, REFERENCE_POINT, axis.number), _number(masters, HIGHEST_POINT, axis.number)
+    reference, highest = (
+        _number(masters, REFERENCE_POINT, axis.number),
+        _number(masters, HIGHEST_POINT, axis.number),
+    )
     if highest and reference is not None and reference != axis.reference_point:
         yield finding(
             "error",
-            message("machine-file-differs.reference", number=axis.number, found=reference, stated=axis.reference_point, letter=letter),
+            message(
+                "machine-file-differs.reference",
+                number=axis.number,
+                found=reference,
+                stated=axis.reference_point,
+                letter=letter,
+            ),
         )
-    if _bit(masters, BIDIRECTIONAL, axis.number, 0) and not (options.experimental_bidirectional and profile.machine.direction == "both"):
-        yield finding("error", message("machine-file-differs.bidirectional", number=axis.number, letter=letter))
+    if _bit(masters, BIDIRECTIONAL, axis.number, 0) and not (
+        options.experimental_bidirectional and profile.machine.direction == "both"
+    ):
+        yield finding(
+            "error",
+            message("machine-file-differs.bidirectional", number=axis.number, letter=letter),
+        )
     if _bit(masters, 1006, axis.number, 3):
-        yield finding("warning", message("machine-file-differs.diameters", number=axis.number, letter=letter))
+        yield finding(
+            "warning", message("machine-file-differs.diameters", number=axis.number, letter=letter)
+        )
     is_a, is_c = (_bit(masters, 1013, axis.number, bit) for bit in (0, 1))
-    if is_a is not None and is_c is not None and _INCREMENT_UM.get((is_a, is_c), options.least_input_um) != options.least_input_um:
+    if (
+        is_a is not None
+        and is_c is not None
+        and _INCREMENT_UM.get((is_a, is_c), options.least_input_um) != options.least_input_um
+    ):
         file_um = _INCREMENT_UM[is_a, is_c]
         yield finding(
-            "warning", message("machine-file-differs.increment", number=axis.number, found_um=file_um, stated_um=options.least_input_um)
+            "warning",
+            message(
+                "machine-file-differs.increment",
+                number=axis.number,
+                found_um=file_um,
+                stated_um=options.least_input_um,
+            ),
         )
 
 
 def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | None:
-    return next((text for master in masters if (text := master.parameter(number, axis)) is not None), None)
+    return next(
+        (text for master in masters if (text := master.parameter(number, axis)) is not None), None
+    )
 
 
 def _number(masters: Sequence[PunchFile], number: int, axis: int | None) -> int | None:
@@ -84,6 +141,7 @@ def _number(masters: Sequence[PunchFile], number: int, axis: int | None) -> int 
 
 
 def _bit(masters: Sequence[PunchFile], number: int, axis: int | None, bit: int) -> bool | None:
-    """Return a bit of a parameter, None where no file holds it; bits are written from 7 down to 0."""
+    """Return a bit of a parameter, None where no file holds it; bits are written from 7 down to
+    0."""
     text = _text(masters, number, axis)
     return None if text is None or len(text) <= bit else text[-1 - bit] == "1"

@@ -1,9 +1,10 @@
 """FANUC compensations along three straight lines between four points: inclination and straightness.
 
-Inclination (B-64523EN-1/02; B-63522EN/02 15.4): 5861-5864 point numbers, 5871-5874 amounts, added to the pitch error compensation.
-Straightness (B-63522EN/02 15.5): amounts of the compensated axis at four pitch points of the moving axis. Both hold absolute
-compensation in detection units, linear in between (the page prints (a - b) for the length of a section: a misprint for (b - a)).
-The four points are chosen so that the squares of what the lines leave are least.
+Inclination (B-64523EN-1/02; B-63522EN/02 15.4): 5861-5864 point numbers, 5871-5874 amounts, added
+to the pitch error compensation. Straightness (B-63522EN/02 15.5): amounts of the compensated axis
+at four pitch points of the moving axis. Both hold absolute compensation in detection units, linear
+in between (the page prints (a - b) for the length of a section: a misprint for (b - a)). The four
+points are chosen so that the squares of what the lines leave are least.
 """
 
 from itertools import combinations
@@ -29,7 +30,9 @@ _CANDIDATES = 40
 """Interior points that are tried at most: 780 pairs, each a fit of four numbers."""
 
 
-def line_table(kind: str, curve: Curve, profile: Profile, options: FanucOptions) -> tuple[Table, float]:
+def line_table(
+    kind: str, curve: Curve, profile: Profile, options: FanucOptions
+) -> tuple[Table, float]:
     """Return the four-point table for the mean of a curve, and its largest residual in um on the
     grid.
     """
@@ -44,7 +47,9 @@ def line_table(kind: str, curve: Curve, profile: Profile, options: FanucOptions)
     wanted = -(forward + reverse) / 2
     knots, values = _best_lines(grid, wanted)
     reference = profile.axis(curve.input_axis).reference_mm
-    values = quantised(values - np.interp(reference, grid[knots], values), options.detection_unit_um)
+    values = quantised(
+        values - np.interp(reference, grid[knots], values), options.detection_unit_um
+    )
     points = numbers(curve.input_axis, profile, options)
     table = Table(
         kind=kind,
@@ -64,14 +69,22 @@ def line_table(kind: str, curve: Curve, profile: Profile, options: FanucOptions)
 def numbers(letter: str, profile: Profile, options: FanucOptions) -> Points:
     """Return the pitch point numbers of an axis, to which these compensations refer."""
     where = f"{profile.source}: axes.{letter}.reference_mm"
-    return points_of(options.axis(letter, profile.source), profile.grid_mm(letter), profile.axis(letter).reference_mm, where)
+    return points_of(
+        options.axis(letter, profile.source),
+        profile.grid_mm(letter),
+        profile.axis(letter).reference_mm,
+        where,
+    )
 
 
 def _best_lines(grid: Vector, wanted: Vector) -> tuple[list[int], Vector]:
-    """Return the four grid indices, ends included, and the values there that fit ``wanted`` best."""
+    """Return the four grid indices, ends included, and the values there that fit ``wanted``
+    best."""
     last = len(grid) - 1
     interior = np.unique(np.linspace(1, last - 1, min(last - 1, _CANDIDATES)).round().astype(int))
-    fits = [_fitted(grid, wanted, [0, *inner, last]) for inner in combinations(interior.tolist(), 2)]
+    fits = [
+        _fitted(grid, wanted, [0, *inner, last]) for inner in combinations(interior.tolist(), 2)
+    ]
     _, knots, values = min(fits, key=lambda fit: fit[0])
     return knots, values
 

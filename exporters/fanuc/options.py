@@ -26,7 +26,8 @@ class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
 
 
 class StraightnessNumbers(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[fanuc.straightness.EYX]``: the machine's own parameter numbers; no manual that was seen states them."""
+    """``[fanuc.straightness.EYX]``: the machine's own parameter numbers; no manual that was seen
+    states them."""
 
     moving: int
     compensated: int
@@ -47,10 +48,13 @@ class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_o
     straightness_option: bool = False
 
     def axis(self, letter: str, source: str) -> AxisPoints:
-        """Return the points of axis X, Y or Z. Raises ``UsageError`` for an axis without a section."""
+        """Return the points of axis X, Y or Z. Raises ``UsageError`` for an axis without a
+        section."""
         if letter not in self.axes:
             raise UsageError(
-                f"{source}: fanuc.axes.{letter}", expected=message("section-fanuc-axes", letter=letter), found=message("nothing")
+                f"{source}: fanuc.axes.{letter}",
+                expected=message("section-fanuc-axes", letter=letter),
+                found=message("nothing"),
             )
         return self.axes[letter]
 

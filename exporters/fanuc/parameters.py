@@ -22,12 +22,16 @@ DISABLED = 8135
 MOST_AXES = 32
 INTERVAL = 3624
 SET_BY_HAND = (3620, 3621, 3622, 3623, INTERVAL)
-"""Parameters that the report names, to be set once by hand where no parameter file of the machine was given."""
+"""Parameters that the report names, to be set once by hand where no parameter file of the machine
+was given."""
 
 
-def fitted(parameters: Mapping[Key, str], master: PunchFile, options: FanucOptions) -> dict[Key, str]:
-    """Return the parameters in the form that the machine's own file uses: a bit set in its byte, an interval without a
-    decimal point in least input units (old controls), with one in mm (new controls)."""
+def fitted(
+    parameters: Mapping[Key, str], master: PunchFile, options: FanucOptions
+) -> dict[Key, str]:
+    """Return the parameters in the form that the machine's own file uses: a bit set in its byte, an
+    interval without a decimal point in least input units (old controls), with one in mm (new
+    controls)."""
     result: dict[Key, str] = {}
     for (number, axis), text in parameters.items():
         present = master.parameter(number, axis)
@@ -43,7 +47,8 @@ def fitted(parameters: Mapping[Key, str], master: PunchFile, options: FanucOptio
 
 
 def stored_in(table: Table) -> dict[int, int]:
-    """Return the pitch data of a table: point number -> increment in units of detection unit times magnification."""
+    """Return the pitch data of a table: point number -> increment in units of detection unit times
+    magnification."""
     if table.kind != pitch.KIND:
         return {}
     counts = np.round(table.value_um[1:] / table.quantum_um).astype(int)
@@ -51,7 +56,9 @@ def stored_in(table: Table) -> dict[int, int]:
     return {first + index: int(count) for index, count in enumerate(counts)}
 
 
-def parameters_of(tables: Sequence[Table], profile: Profile, options: FanucOptions) -> dict[Key, str]:
+def parameters_of(
+    tables: Sequence[Table], profile: Profile, options: FanucOptions
+) -> dict[Key, str]:
     """Return the text of every parameter that the tables need."""
     found: dict[Key, str] = {}
     for table in tables:
@@ -60,9 +67,18 @@ def parameters_of(tables: Sequence[Table], profile: Profile, options: FanucOptio
 
 
 def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
-    """Return the switches that punch files hold: 8135#0 (NPE, 0i-D: 1 takes all pitch error compensation out) and 3605#0 of each axis."""
-    keys: list[Key] = [(DISABLED, None), *((BIDIRECTIONAL, axis) for axis in range(1, MOST_AXES + 1))]
-    found = {key: text for key in keys for master in punched if (text := master.parameter(*key)) is not None}
+    """Return the switches that punch files hold: 8135#0 (NPE, 0i-D: 1 takes all pitch error
+    compensation out) and 3605#0 of each axis."""
+    keys: list[Key] = [
+        (DISABLED, None),
+        *((BIDIRECTIONAL, axis) for axis in range(1, MOST_AXES + 1)),
+    ]
+    found = {
+        key: text
+        for key in keys
+        for master in punched
+        if (text := master.parameter(*key)) is not None
+    }
     return {switch_name(*key): text[-1] for key, text in found.items()}
 
 
@@ -79,7 +95,9 @@ def _parameters(table: Table, profile: Profile, options: FanucOptions) -> dict[K
     points = str(table.place["points"]).split()
     if table.kind == lines.INCLINATION:
         keys = [*lines.INCLINATION_POINTS, *lines.INCLINATION_VALUES]
-        return {(key, axis.number): text for key, text in zip(keys, [*points, *values], strict=True)}
+        return {
+            (key, axis.number): text for key, text in zip(keys, [*points, *values], strict=True)
+        }
     numbers = options.straightness.get(table.name)
     if numbers is None:
         return {}
@@ -87,7 +105,12 @@ def _parameters(table: Table, profile: Profile, options: FanucOptions) -> dict[K
     return {
         (numbers.moving, None): str(axis.number),
         (numbers.compensated, None): str(compensated),
-        **{(key, None): text for key, text in zip([*numbers.points, *numbers.values], [*points, *values], strict=True)},
+        **{
+            (key, None): text
+            for key, text in zip(
+                [*numbers.points, *numbers.values], [*points, *values], strict=True
+            )
+        },
     }
 
 
@@ -100,7 +123,11 @@ def _pitch_parameters(table: Table, profile: Profile, options: FanucOptions) -> 
             (3626, axis.number): str(axis.reverse_first_point),
             (3627, axis.number): str(round(table.offset_um / options.detection_unit_um)),
         }
-    single = options.experimental_bidirectional and profile.machine.direction == "both" and table.direction == 0
+    single = (
+        options.experimental_bidirectional
+        and profile.machine.direction == "both"
+        and table.direction == 0
+    )
     return {
         **({(BIDIRECTIONAL, axis.number): "0"} if single else {}),
         (3620, axis.number): str(points.reference),
@@ -114,11 +141,27 @@ def _pitch_parameters(table: Table, profile: Profile, options: FanucOptions) -> 
 def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tuple[str, ...]:
     """Return parameters and point data as they would be typed in at the control."""
     needed = _parameters(table, profile, options)
-    rows = [f"parameter {number}{'' if axis is None else f' A{axis}'} = {text}" for (number, axis), text in needed.items()]
+    rows = [
+        f"parameter {number}{'' if axis is None else f' A{axis}'} = {text}"
+        for (number, axis), text in needed.items()
+    ]
     if table.kind != pitch.KIND:
         values = np.round(table.value_um / options.detection_unit_um).astype(int)
         knots = zip(str(table.place["points"]).split(), table.position_mm, values, strict=True)
-        return (*rows, *(f"point {point:>5} at {position:>12.4f} mm: {value:>6}" for point, position, value in knots))
+        return (
+            *rows,
+            *(
+                f"point {point:>5} at {position:>12.4f} mm: {value:>6}"
+                for point, position, value in knots
+            ),
+        )
     data = zip(stored_in(table).items(), table.position_mm[1:], table.absolute_um[1:], strict=True)
     head = f"{'point':>6} {'up to mm':>14} {'data':>6} {'absolute µm':>12}"
-    return (*rows, head, *(f"{point:>6} {at:>14.4f} {count:>6} {fixed(absolute, 3):>12}" for (point, count), at, absolute in data))
+    return (
+        *rows,
+        head,
+        *(
+            f"{point:>6} {at:>14.4f} {count:>6} {fixed(absolute, 3):>12}"
+            for (point, count), at, absolute in data
+        ),
+    )

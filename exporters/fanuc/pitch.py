@@ -28,7 +28,8 @@ LARGEST_MAGNIFICATION = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Points:
-    """The point numbers of an axis: of the reference (3620), the lowest (3621) and the highest section (3622)."""
+    """The point numbers of an axis: of the reference (3620), the lowest (3621) and the highest
+    section (3622)."""
 
     reference: int
     lowest: int
@@ -36,12 +37,14 @@ class Points:
 
     @property
     def start(self) -> int:
-        """Return the number of the low end of the table, which holds no data: the section above it is ``lowest``."""
+        """Return the number of the low end of the table, which holds no data: the section above it
+        is ``lowest``."""
         return self.lowest - 1
 
 
 def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str) -> Points:
-    """Return the point numbers of a grid. Raises ``SafetyError`` where the reference is no point of it."""
+    """Return the point numbers of a grid. Raises ``SafetyError`` where the reference is no point of
+    it."""
     step = float(grid_mm[1] - grid_mm[0])
     below = (reference_mm - float(grid_mm[0])) / step
     if abs(below - round(below)) > 1e-6 or not 0 <= round(below) < len(grid_mm):
@@ -55,11 +58,17 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
     start = axis.reference_point - round(below)
     if start < 0:
         found = message("sections-below", point=axis.reference_point, count=round(below))
-        raise SafetyError(where, code="reference-unfit.number", expected=message("room-below"), found=found)
-    return Points(reference=axis.reference_point, lowest=start + 1, highest=start + len(grid_mm) - 1)
+        raise SafetyError(
+            where, code="reference-unfit.number", expected=message("room-below"), found=found
+        )
+    return Points(
+        reference=axis.reference_point, lowest=start + 1, highest=start + len(grid_mm) - 1
+    )
 
 
-def pitch_tables(curve: Curve, profile: Profile, options: FanucOptions, already_um: Vector) -> tuple[Table, ...]:
+def pitch_tables(
+    curve: Curve, profile: Profile, options: FanucOptions, already_um: Vector
+) -> tuple[Table, ...]:
     """Return the pitch table of an axis, or a table per direction in the bidirectional form.
 
     ``already_um`` is the addition of inclination compensation at the points of the grid. Raises
@@ -67,13 +76,20 @@ def pitch_tables(curve: Curve, profile: Profile, options: FanucOptions, already_
     """
     grid, forward, reverse = sampled_um(curve, profile)
     directional = is_directional(curve, profile)
-    wanted = [-forward - already_um, -reverse - already_um] if directional else [-forward - already_um]
+    wanted = (
+        [-forward - already_um, -reverse - already_um] if directional else [-forward - already_um]
+    )
     unit = options.detection_unit_um
     at_reference = int(np.argmin(np.abs(grid - profile.axis(curve.input_axis).reference_mm)))
     offsets = [0.0, *(round(float(way[at_reference]) / unit) * unit for way in wanted[1:])]
     axis = options.axis(curve.input_axis, profile.source)
     counts, magnification = _units(wanted, offsets, axis, options, profile.source)
-    points = points_of(axis, grid, profile.axis(curve.input_axis).reference_mm, f"{profile.source}: axes.{curve.input_axis}.reference_mm")
+    points = points_of(
+        axis,
+        grid,
+        profile.axis(curve.input_axis).reference_mm,
+        f"{profile.source}: axes.{curve.input_axis}.reference_mm",
+    )
     quantum = magnification * unit
     single = Table(
         kind=KIND,
@@ -101,12 +117,19 @@ def pitch_tables(curve: Curve, profile: Profile, options: FanucOptions, already_
 def _units(
     wanted: list[Vector], offsets: list[float], axis: AxisPoints, options: FanucOptions, source: str
 ) -> tuple[list[NDArray[np.float64]], int]:
-    """Return the absolute curves in whole units and the smallest magnification that keeps all increments within the limit."""
-    tried = [axis.magnification] if axis.magnification is not None else range(1, LARGEST_MAGNIFICATION + 1)
+    """Return the absolute curves in whole units and the smallest magnification that keeps all
+    increments within the limit."""
+    tried = (
+        [axis.magnification]
+        if axis.magnification is not None
+        else range(1, LARGEST_MAGNIFICATION + 1)
+    )
     largest = 0
     for magnification in tried:
         quantum = magnification * options.detection_unit_um
-        counts = [np.round((way - offset) / quantum) for way, offset in zip(wanted, offsets, strict=True)]
+        counts = [
+            np.round((way - offset) / quantum) for way, offset in zip(wanted, offsets, strict=True)
+        ]
         largest = max(int(np.max(np.abs(np.diff(way)))) for way in counts)
         if largest <= options.increment_limit:
             return counts, magnification

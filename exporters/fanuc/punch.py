@@ -21,14 +21,19 @@ FIRST_PITCH_LINE = 10000
 EOB = b"\n\r\r"
 _NUMBER = re.compile(rb"^N\s*(\d{1,9})(?!\d)")
 _PARAMETER_KIND = re.compile(rb"^N\s*\d+\s*Q\s*1(?!\d)")
-_BARE_VALUE = re.compile(rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?P\s*)(?P<value>-?\d{1,9})(?P<tail>\s*)\Z")
-_PATH_VALUE = re.compile(rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?(?:L\s*\d+\s*)?P\s*)(?P<value>-?[\d.]+)(?P<tail>\s*)\Z")
+_BARE_VALUE = re.compile(
+    rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?P\s*)(?P<value>-?\d{1,9})(?P<tail>\s*)\Z"
+)
+_PATH_VALUE = re.compile(
+    rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?(?:L\s*\d+\s*)?P\s*)(?P<value>-?[\d.]+)(?P<tail>\s*)\Z"
+)
 _FORBIDDEN = re.compile(rb"[a-z;?+]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """One block between two ends of block: its bytes and its N number (None for comments and the like)."""
+    """One block between two ends of block: its bytes and its N number (None for comments and the
+    like)."""
 
     text: bytes
     number: int | None
@@ -50,18 +55,25 @@ class PunchFile:
             if (match := _pitch_value(block)) is not None and block.number is not None:
                 point = block.number - FIRST_PITCH_LINE
                 if point in found:
-                    raise DataError(block.where, expected=message("point-once"), found=message("point-again", number=point))
+                    raise DataError(
+                        block.where,
+                        expected=message("point-once"),
+                        found=message("point-again", number=point),
+                    )
                 found[point] = int(match["value"])
         return found
 
     def parameter(self, number: int, axis: int | None) -> str | None:
-        """Return the text of a parameter, of one axis (``A<axis>``) or without axes, None where the file has none."""
+        """Return the text of a parameter, of one axis (``A<axis>``) or without axes, None where the
+        file has none."""
         for block in self.blocks:
             if block.number == number and (match := _parameter_value(block.text, axis)):
                 return match["value"].decode("ascii")
         return None
 
-    def changed(self, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]) -> bytes:
+    def changed(
+        self, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]
+    ) -> bytes:
         """Return the bytes of the file with new pitch data and new parameters of (number, axis).
 
         Only digits behind a P change, and only of numbers in the file: the control refuses unknown
@@ -80,7 +92,8 @@ class PunchFile:
 
 
 def read_punch(file: ControlFile) -> PunchFile:
-    """Return a punch file taken apart. Raises ``DataError`` for bytes that the control would not read as they were meant."""
+    """Return a punch file taken apart. Raises ``DataError`` for bytes that the control would not
+    read as they were meant."""
     data = file.data
     if EOB not in data or re.search(rb"[\r\n]", data.replace(EOB, b"")):
         raise DataError(
@@ -90,7 +103,11 @@ def read_punch(file: ControlFile) -> PunchFile:
             remedy=message("copy-file-from-memory"),
         )
     blocks = tuple(
-        Block(text=text, number=int(match[1]) if (match := _NUMBER.match(text)) else None, where=f"{file.name}: line {line}")
+        Block(
+            text=text,
+            number=int(match[1]) if (match := _NUMBER.match(text)) else None,
+            where=f"{file.name}: line {line}",
+        )
         for line, text in enumerate(data.split(EOB), start=1)
     )
     _refuse_foreign(file.name, blocks)
@@ -110,7 +127,9 @@ def _refuse_foreign(name: str, blocks: tuple[Block, ...]) -> None:
     for block in blocks:
         bad = _FORBIDDEN.search(block.text)
         if bad or not block.text.isascii():
-            raise DataError(block.where, expected=message("capital-letters"), found=excerpt(repr(block.text)))
+            raise DataError(
+                block.where, expected=message("capital-letters"), found=excerpt(repr(block.text))
+            )
 
 
 def _pitch_value(block: Block) -> re.Match[bytes] | None:
@@ -125,7 +144,9 @@ def _parameter_value(text: bytes, axis: int | None) -> re.Match[bytes] | None:
     return re.match(rb"^(?P<head>.*?A\s*%d\s*P\s*)(?P<value>-?[\d.]+)(?P<tail>.*)\Z" % axis, text)
 
 
-def _rewritten(block: Block, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]) -> bytes:
+def _rewritten(
+    block: Block, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]
+) -> bytes:
     text = block.text
     match = _pitch_value(block)
     if match is not None and block.number is not None:

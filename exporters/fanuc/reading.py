@@ -1,4 +1,5 @@
-"""FANUC tables as the control reads them from punch files, the parameters they refer to included."""
+"""FANUC tables as the control reads them from punch files, the parameters they refer to
+included."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +10,12 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc import lines, pitch
-from stepdiag.exporters.fanuc.options import LAST_POINT, AxisPoints, FanucOptions, StraightnessNumbers
+from stepdiag.exporters.fanuc.options import (
+    LAST_POINT,
+    AxisPoints,
+    FanucOptions,
+    StraightnessNumbers,
+)
 from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.fanuc.straightness import found_in
@@ -19,7 +25,9 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, require_rising
 
 
-def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> tuple[Table, ...]:
+def read_tables(
+    files: Sequence[PunchFile], profile: Profile, options: FanucOptions
+) -> tuple[Table, ...]:
     """Return pitch, inclination and straightness tables of the profile's axes.
 
     Raises ``DataError`` for a range with missing points or a parameter that is no number.
@@ -31,7 +39,11 @@ def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOpti
         tables += reader.inclination(letter)
     for name, numbers in {**found_in(files, options), **options.straightness}.items():
         if name not in STRAIGHTNESS:
-            raise UsageError(f"{profile.source}: fanuc.straightness.{name}", expected=message("one-of", names=STRAIGHTNESS), found=name)
+            raise UsageError(
+                f"{profile.source}: fanuc.straightness.{name}",
+                expected=message("one-of", names=STRAIGHTNESS),
+                found=name,
+            )
         tables += reader.straightness(name, numbers)
     return tuple(tables)
 
@@ -46,15 +58,19 @@ class _Reader:
         self._data = {point: value for file in files for point, value in file.pitch.items()}
 
     def pitch(self, letter: str) -> list[Table]:
-        """Return the pitch table of an axis, or one a direction; none where the files hold no point of its range."""
+        """Return the pitch table of an axis, or one a direction; none where the files hold no point
+        of its range."""
         axis = self._options.axis(letter, self._profile.source)
         lowest, highest = self._range(letter, axis)
-        if self._interval_mm(letter, axis) <= 0 or not any(point in self._data for point in range(lowest, highest + 1)):
+        if self._interval_mm(letter, axis) <= 0 or not any(
+            point in self._data for point in range(lowest, highest + 1)
+        ):
             return []
         interval = self._interval_mm(letter, axis)
         reference = self._number(3620, axis.number, axis.reference_point)
         position: Vector = (
-            self._profile.axis(letter).reference_mm + (np.arange(lowest - 1, highest + 1, dtype=np.float64) - reference) * interval
+            self._profile.axis(letter).reference_mm
+            + (np.arange(lowest - 1, highest + 1, dtype=np.float64) - reference) * interval
         )
         both = self._bidirectional(axis, highest - lowest + 1)
         require_rising(position, f"{self._names}: parameter 3624 A{axis.number}")
@@ -75,7 +91,9 @@ class _Reader:
         bits = self._find(BIDIRECTIONAL, axis.number)
         if bits is not None:
             return bits.endswith("1")
-        asked = self._options.experimental_bidirectional and self._profile.machine.direction == "both"
+        asked = (
+            self._options.experimental_bidirectional and self._profile.machine.direction == "both"
+        )
         first = axis.reverse_first_point
         return asked and any(self._data.get(point) for point in range(first, first + count))
 
@@ -99,7 +117,10 @@ class _Reader:
         if self._find(3621, axis.number) is None or self._find(3622, axis.number) is None:
             points = lines.numbers(letter, self._profile, self._options)
             return points.lowest, points.highest
-        lowest, highest = self._number(3621, axis.number, None), self._number(3622, axis.number, None)
+        lowest, highest = (
+            self._number(3621, axis.number, None),
+            self._number(3622, axis.number, None),
+        )
         if not 0 <= lowest <= highest <= LAST_POINT:
             raise DataError(
                 self._names,
@@ -112,13 +133,20 @@ class _Reader:
         text = self._find(3624, axis.number)
         if text is None:
             return self._profile.axis(letter).step_mm
-        # Old controls write lengths as integers in least input units, new ones with a decimal point in mm (controllers.md 2.6).
+        # Old controls write lengths as integers in least input units, new ones with a decimal point
+        # in mm (controllers.md 2.6).
         value = finite(text, f"{self._names}: parameter 3624 A{axis.number}")
         if value < 0:
-            raise DataError(f"parameter 3624 A{axis.number}", expected=message("interval-not-negative"), found=text)
+            raise DataError(
+                f"parameter 3624 A{axis.number}",
+                expected=message("interval-not-negative"),
+                found=text,
+            )
         return value if "." in text else value * self._options.least_input_um / 1000.0
 
-    def _pitch_table(self, letter: str, position: Vector, first: int, direction: int, offset_um: float) -> Table:
+    def _pitch_table(
+        self, letter: str, position: Vector, first: int, direction: int, offset_um: float
+    ) -> Table:
         axis = self._options.axis(letter, self._profile.source)
         wanted = range(first, first + len(position) - 1)
         missing = [point for point in wanted if point not in self._data]
@@ -130,8 +158,15 @@ class _Reader:
             )
         # An empty table is the same at any magnification: a machine without compensation need not
         # state it.
-        default = axis.magnification if any(self._data[point] for point in wanted) else axis.magnification or 1
-        quantum = self._number(3623, axis.number, default, f"fanuc.axes.{letter}.magnification") * self._options.detection_unit_um
+        default = (
+            axis.magnification
+            if any(self._data[point] for point in wanted)
+            else axis.magnification or 1
+        )
+        quantum = (
+            self._number(3623, axis.number, default, f"fanuc.axes.{letter}.magnification")
+            * self._options.detection_unit_um
+        )
         return Table(
             kind=pitch.KIND,
             input_axis=letter,
@@ -146,7 +181,9 @@ class _Reader:
             place={"axis": axis.number, "first point": first},
         )
 
-    def _line_table(self, kind: str, moving: str, compensated: str, keys: Sequence[int], axis: int | None) -> Table:
+    def _line_table(
+        self, kind: str, moving: str, compensated: str, keys: Sequence[int], axis: int | None
+    ) -> Table:
         points = [self._number(key, axis, None) for key in keys[:4]]
         section = self._options.axis(moving, self._profile.source)
         reference = self._number(3620, section.number, section.reference_point)
@@ -177,12 +214,17 @@ class _Reader:
         return None
 
     def _number(self, number: int, axis: int | None, default: int | None, field: str = "") -> int:
-        """Return a parameter as a whole number: from the files, else the profile's ``default``, which stands in ``field``."""
+        """Return a parameter as a whole number: from the files, else the profile's ``default``,
+        which stands in ``field``."""
         text = self._find(number, axis)
         where = f"{self._names}: parameter {number}{'' if axis is None else f' A{axis}'}"
         if text is None and default is not None:
             return default
         if text is None:
-            remedy = message("punched-or-field", field=field) if field else message("punched-parameters")
-            raise DataError(where, expected=message("a-value"), found=message("nothing"), remedy=remedy)
+            remedy = (
+                message("punched-or-field", field=field) if field else message("punched-parameters")
+            )
+            raise DataError(
+                where, expected=message("a-value"), found=message("nothing"), remedy=remedy
+            )
         return whole(text.removesuffix(".0").removesuffix("."), where)

@@ -33,10 +33,16 @@ SETS = tuple(
 
 def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
     """Return the sets whose ten numbers stand in one of the files."""
-    return tuple(one for one in SETS if any(all(file.parameter(key, None) is not None for key in _keys(one)) for file in files))
+    return tuple(
+        one
+        for one in SETS
+        if any(all(file.parameter(key, None) is not None for key in _keys(one)) for file in files)
+    )
 
 
-def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str) -> FanucOptions:
+def given_to(
+    tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str
+) -> FanucOptions:
     """Return the options with the machine's sets given to the functions of the largest worth; the
     profile's sets stay.
 
@@ -73,7 +79,9 @@ def found_in(files: Sequence[PunchFile], options: FanucOptions) -> dict[str, Str
     letters = {axis.number: letter for letter, axis in options.axes.items()}
     found: dict[str, StraightnessNumbers] = {}
     for one in sets_in(files) if options.straightness_option else ():
-        moving, compensated = (letters.get(_number(files, key)) for key in (one.moving, one.compensated))
+        moving, compensated = (
+            letters.get(_number(files, key)) for key in (one.moving, one.compensated)
+        )
         if moving is not None and compensated is not None and moving != compensated:
             found[f"E{compensated}{moving}"] = one
     return found

@@ -10,7 +10,8 @@ from stepdiag.exporters.files.control_file import ControlFile
 
 MOST_LINES = 1_000_000
 LONGEST_LINE = 4096
-"""Limits of a file of lines: a lattice of a hundred points an axis has a million, none of them long."""
+"""Limits of a file of lines: a lattice of a hundred points an axis has a million, none of them
+long."""
 _SHOWN = 60
 
 
@@ -28,15 +29,21 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
         text = file.data.decode("ascii")
     except UnicodeDecodeError as error:
         raise DataError(
-            file.name, expected=message("ascii-text"), found=message("byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start)
+            file.name,
+            expected=message("ascii-text"),
+            found=message("byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start),
         ) from error
     lines = text.splitlines()
     if len(lines) > MOST_LINES + 1:
-        raise DataError(file.name, expected=message("lines-most", count=MOST_LINES), found=str(len(lines)))
+        raise DataError(
+            file.name, expected=message("lines-most", count=MOST_LINES), found=str(len(lines))
+        )
     for number, line in enumerate(lines, start=1):
         where = f"{file.name}: line {number}"
         if len(line) > LONGEST_LINE:
-            raise DataError(where, expected=message("characters-most", count=LONGEST_LINE), found=str(len(line)))
+            raise DataError(
+                where, expected=message("characters-most", count=LONGEST_LINE), found=str(len(line))
+            )
         yield where, line
 
 
@@ -46,12 +53,16 @@ def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
     """
     if mark in file.data and not file.data.rstrip().endswith(end):
         raise DataError(
-            file.name, expected=message("last-line", text=end.decode("ascii")), found=message("no-end"), remedy=message("cut-off")
+            file.name,
+            expected=message("last-line", text=end.decode("ascii")),
+            found=message("no-end"),
+            remedy=message("cut-off"),
         )
 
 
 def finite(text: str, where: str) -> float:
-    """Return the number in ``text``. Raises ``DataError`` naming ``where`` for anything else, infinity and NaN included."""
+    """Return the number in ``text``. Raises ``DataError`` naming ``where`` for anything else,
+    infinity and NaN included."""
     try:
         value = float(text)
     except ValueError:
@@ -62,7 +73,8 @@ def finite(text: str, where: str) -> float:
 
 
 def whole(text: str, where: str) -> int:
-    """Return the whole number in ``text``. Raises ``DataError`` naming ``where`` for anything else."""
+    """Return the whole number in ``text``. Raises ``DataError`` naming ``where`` for anything
+    else."""
     try:
         value = int(text)
     except ValueError as error:

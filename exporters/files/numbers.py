@@ -2,7 +2,8 @@
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Return ``value`` with exactly ``decimals`` places; a value that rounds to zero has no sign."""
+    """Return ``value`` with exactly ``decimals`` places; a value that rounds to zero has no
+    sign."""
     text = f"{value:.{decimals}f}"
     return text.removeprefix("-") if float(text) == 0.0 else text
 

@@ -43,7 +43,9 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
         if not _stands_there(target, everything):
             _place(target, everything)
     except OSError as error:
-        raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
+        raise UsageError(
+            str(folder), expected=message("folder-writable"), found=system_words(error)
+        ) from error
     return tuple(file.name for file in everything)
 
 
@@ -56,18 +58,28 @@ def sums_of(files: Sequence[ControlFile]) -> ControlFile:
 def read_set(folder: Path) -> tuple[ControlFile, ...]:
     """Return the files of a set, ``SHA256SUMS`` last.
 
-    Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files that its
-    list names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs of a broken write are no files.
+    Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files that its list
+    names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs
+    of a broken write are no files.
     """
     wanted = listed(folder)
     present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     missing = [name for name in wanted if name not in present]
     if missing:
-        raise _refusal(folder, "set-altered.missing", message("every-file-sha256sums-names"), "no " + ", ".join(missing))
+        raise _refusal(
+            folder,
+            "set-altered.missing",
+            message("every-file-sha256sums-names"),
+            "no " + ", ".join(missing),
+        )
     foreign = [name for name in present if name not in wanted and name != SUMS]
     if foreign:
-        raise _refusal(folder, "set-altered.foreign", message("files-sha256sums-names-no"), ", ".join(foreign))
-    files = tuple(ControlFile(name=name, data=read_bytes(folder / name)) for name in [*wanted, SUMS])
+        raise _refusal(
+            folder, "set-altered.foreign", message("files-sha256sums-names-no"), ", ".join(foreign)
+        )
+    files = tuple(
+        ControlFile(name=name, data=read_bytes(folder / name)) for name in [*wanted, SUMS]
+    )
     _refuse_altered(folder, wanted, files)
     return files
 
@@ -99,7 +111,9 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
     The packed bytes are the bytes compared with the list: a set altered during the download is
     refused, with the SafetyError of `read_set`.
     """
-    files = [file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore]
+    files = [
+        file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore
+    ]
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in (*sorted(files, key=lambda file: file.name), sums_of(files)):
@@ -114,12 +128,19 @@ def listed(folder: Path) -> dict[str, str]:
     path = folder / SUMS
     if not path.is_file():
         expected = message("set-folder", name=SUMS)
-        raise DataError(str(folder), expected=expected, found=message("no-such-file", name=SUMS), remedy=message("one-by-one"))
+        raise DataError(
+            str(folder),
+            expected=expected,
+            found=message("no-such-file", name=SUMS),
+            remedy=message("one-by-one"),
+        )
     lines = as_text(read_bytes(path, largest=LARGEST_SETTINGS_BYTES), str(path)).splitlines()
     matches = [_LINE.fullmatch(line) for line in lines]
     wanted = {match["name"]: match["digest"] for match in matches if match is not None}
     if not wanted or len(wanted) != len(lines):
-        raise _refusal(folder, "set-altered", message("export-writes", sums=SUMS), message("another-text"))
+        raise _refusal(
+            folder, "set-altered", message("export-writes", sums=SUMS), message("another-text")
+        )
     return wanted
 
 
@@ -133,9 +154,18 @@ def whole(folder: Path) -> bool:
 
 
 def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[ControlFile]) -> None:
-    altered = [file.name for file in files if file.name in wanted and hashlib.sha256(file.data).hexdigest() != wanted[file.name]]
+    altered = [
+        file.name
+        for file in files
+        if file.name in wanted and hashlib.sha256(file.data).hexdigest() != wanted[file.name]
+    ]
     if altered:
-        raise _refusal(folder, "set-altered", message("bytes-export-wrote"), message("others-in-files", names=list(altered)))
+        raise _refusal(
+            folder,
+            "set-altered",
+            message("bytes-export-wrote"),
+            message("others-in-files", names=list(altered)),
+        )
 
 
 def _refusal(folder: Path, code: str, expected: Words, found: Words) -> SafetyError:
@@ -148,7 +178,10 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
     doubled = [file.name for file in files if names.count(file.name.lower()) > 1]
     if doubled:
         raise UsageError(
-            str(folder / doubled[0]), expected=message("each-name"), found=message("two-of-them"), remedy=message("rename-files")
+            str(folder / doubled[0]),
+            expected=message("each-name"),
+            found=message("two-of-them"),
+            remedy=message("rename-files"),
         )
 
 

@@ -1,4 +1,5 @@
 """Heidenhain: COM files and the table that names them.
 
-In: tables. Out: files of this control, and tables read back from them. Imported by `profiles.registry`.
+In: tables. Out: files of this control, and tables read back from them. Imported by
+`profiles.registry`.
 """

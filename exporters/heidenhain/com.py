@@ -1,8 +1,9 @@
 """The text of Heidenhain .COM and .CMA tables: first line, heading, numbered rows, ``[END]``.
 
-KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds the columns C1 to C6 for the six errors of the axis that the table is
-along: displacements in X, Y, Z in mm, turns about X, Y, Z, here in degrees as ``Trans`` of the kinematics table has them (RECALLED: no
-page seen names the unit of the column).
+KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds the columns C1 to C6 for the six
+errors of the axis that the table is along: displacements in X, Y, Z in mm, turns about X, Y, Z,
+here in degrees as ``Trans`` of the kinematics table has them (RECALLED: no page seen names the unit
+of the column).
 """
 
 import re
@@ -24,7 +25,10 @@ from stepdiag.exporters.tables.tables import Law, Table
 
 _NEWLINE = "\r\n"
 _END = "[END]"
-_BEGIN = re.compile(r"^BEGIN\s+(?P<name>\S+)(?:\s+DATUM:(?P<datum>\S+)\s+DISTANCE:(?P<distance>\S+))?(?:\s+(?P<unit>MM|INCH))?\s*\Z")
+_BEGIN = re.compile(
+    r"^BEGIN\s+(?P<name>\S+)(?:\s+DATUM:(?P<datum>\S+)\s+DISTANCE:(?P<distance>\S+))"
+    r"?(?:\s+(?P<unit>MM|INCH))?\s*\Z"
+)
 _WIDTHS = {"NR": 8, "ACTIVE": 8}
 _WIDTH = 16
 COMPONENTS = ("C1", "C2", "C3")
@@ -48,26 +52,46 @@ def axis_in(name: str, axes: Sequence[str]) -> str:
     raise DataError(name, expected=message("com-name"), found=name)
 
 
-def render(tables: Sequence[Table], profile: Profile, *, positions: bool, decimals: int) -> ControlFile:
+def render(
+    tables: Sequence[Table], profile: Profile, *, positions: bool, decimals: int
+) -> ControlFile:
     """Return the .COM file of the tables of one input axis, which share a grid.
 
-    ``positions``: the newer form with a column AXISPOS; otherwise DATUM and DISTANCE stand in the first line.
+    ``positions``: the newer form with a column AXISPOS; otherwise DATUM and DISTANCE stand in the
+    first line.
     """
     name, grid = str(tables[0].place["file"]), tables[0].position_mm
-    values = {profile.axis(table.output_axis).name: table.value_um / 1000.0 for table in tables if COLUMN not in table.place}
+    values = {
+        profile.axis(table.output_axis).name: table.value_um / 1000.0
+        for table in tables
+        if COLUMN not in table.place
+    }
     more = _kinematics_cells(tables, decimals)
-    columns = ["NR", *(["AXISPOS", "BACKLASH"] if positions else []), *(axis.name for axis in profile.axes.values())]
+    columns = [
+        "NR",
+        *(["AXISPOS", "BACKLASH"] if positions else []),
+        *(axis.name for axis in profile.axes.values()),
+    ]
     columns += [*COMPONENTS, *TURNS] if more else []
     heading = _heading(columns, ".COM", profile)
     rows = []
     for index, at in enumerate(grid):
-        cells = {"NR": str(index), "AXISPOS": _signed(at, decimals), "BACKLASH": _signed(0.0, decimals)}
+        cells = {
+            "NR": str(index),
+            "AXISPOS": _signed(at, decimals),
+            "BACKLASH": _signed(0.0, decimals),
+        }
         cells |= {axis: _signed(float(column[index]), decimals) for axis, column in values.items()}
         cells |= {column: each[index] for column, each in more.items()}
         rows.append(_row(heading, cells, _signed(0.0, decimals), name))
-    datum = f"  DATUM:{_signed(float(grid[0]), decimals)} DISTANCE:{_signed(float(grid[1] - grid[0]), decimals)}"
+    datum = (
+        f"  DATUM:{_signed(float(grid[0]), decimals)} "
+        f"DISTANCE:{_signed(float(grid[1] - grid[0]), decimals)}"
+    )
     first = f"BEGIN {name}{'' if positions else datum} MM"
-    return ControlFile(name=name, data=ascii_lines([first, heading.rstrip(), *rows, _END], _NEWLINE))
+    return ControlFile(
+        name=name, data=ascii_lines([first, heading.rstrip(), *rows, _END], _NEWLINE)
+    )
 
 
 def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[str]]:
@@ -77,18 +101,27 @@ def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[
         if COLUMN not in table.place:
             continue
         if table.multiplier is None:
-            cells[COMPONENTS["XYZ".index(table.output_axis)]] = [_signed(float(value), decimals) for value in table.value_um / 1000.0]
+            cells[COMPONENTS["XYZ".index(table.output_axis)]] = [
+                _signed(float(value), decimals) for value in table.value_um / 1000.0
+            ]
         else:
             column = TURNS["ABC".index(str(table.place[COLUMN])[1])]
-            cells[column] = [_signed(float(value), DEGREE_DECIMALS) for value in column_urad(table) / _URAD_PER_DEGREE]
+            cells[column] = [
+                _signed(float(value), DEGREE_DECIMALS)
+                for value in column_urad(table) / _URAD_PER_DEGREE
+            ]
     return cells
 
 
-def render_assignment(name: str, named: Mapping[str, str], axes: Sequence[str], profile: Profile) -> ControlFile:
+def render_assignment(
+    name: str, named: Mapping[str, str], axes: Sequence[str], profile: Profile
+) -> ControlFile:
     """Return the .CMA file with an active line that calls the table of each axis in ``named``."""
     heading = _heading(["NR", "ACTIVE", *axes], ".CMA", profile)
     row = _row(heading, {"NR": "0", "ACTIVE": "*", **named}, "", name)
-    return ControlFile(name=name, data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE))
+    return ControlFile(
+        name=name, data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,13 +143,26 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
     begin, columns, rows = _read(file)
     index = {column: place for place, column in enumerate(columns)}
     where = f"{file.name}: heading"
-    axes = [column for column in columns if column not in ("NR", "AXISPOS", "BACKLASH", *COMPONENTS, *TURNS)]
+    axes = [
+        column
+        for column in columns
+        if column not in ("NR", "AXISPOS", "BACKLASH", *COMPONENTS, *TURNS)
+    ]
     letters = {column: profile.letter_of(column, where) for column in axes}
     position = _positions(file.name, begin, index, rows)
     if "BACKLASH" in index and any(finite(cells[index["BACKLASH"]], at) for at, cells in rows):
-        raise DataError(where, expected=message("com-backlash"), found=message("a-backlash"), remedy=message("sense-private"))
-    values = {axis: np.array([finite(cells[index[axis]], at) for at, cells in rows]) for axis in axes}
-    places = max((len(cells[index[axis]].partition(".")[2]) for _, cells in rows for axis in axes), default=4)
+        raise DataError(
+            where,
+            expected=message("com-backlash"),
+            found=message("a-backlash"),
+            remedy=message("sense-private"),
+        )
+    values = {
+        axis: np.array([finite(cells[index[axis]], at) for at, cells in rows]) for axis in axes
+    }
+    places = max(
+        (len(cells[index[axis]].partition(".")[2]) for _, cells in rows for axis in axes), default=4
+    )
     place = {"file": plain_name(file.name)}
     plain = [
         Table(
@@ -133,44 +179,74 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
         for axis, value in values.items()
     ]
     turned = {
-        column: np.array([finite(cells[index[column]], at) for at, cells in rows]) for column in columns if column in (*COMPONENTS, *TURNS)
+        column: np.array([finite(cells[index[column]], at) for at, cells in rows])
+        for column in columns
+        if column in (*COMPONENTS, *TURNS)
     }
     known = [column for column, value in turned.items() if value.any()]
     if known and how.levers is None:
         raise DataError(
-            where, expected=message("c-zero"), found=", ".join(known),
+            where,
+            expected=message("c-zero"),
+            found=", ".join(known),
             remedy=message("chain-heidenhain"),
-        )  # fmt: skip
+        )
     if how.levers is None:
         return plain
-    kinematics = [table for column in turned for table in _kinematics(column, turned[column], plain[0], profile, how, how.levers)]
+    kinematics = [
+        table
+        for column in turned
+        for table in _kinematics(column, turned[column], plain[0], profile, how, how.levers)
+    ]
     own = {table.output_axis for table in kinematics if table.multiplier is None}
-    return [*(table for table in plain if table.output_axis not in own or table.value_um.any()), *kinematics]
+    return [
+        *(table for table in plain if table.output_axis not in own or table.value_um.any()),
+        *kinematics,
+    ]
 
 
-def _kinematics(column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector) -> Iterator[Table]:
+def _kinematics(
+    column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector
+) -> Iterator[Table]:
     """Yield the movements by a column of C1 to C6; the displacement along the axis itself only if
     not zero.
     """
     letter = like.input_axis
     if column in TURNS:
-        angle = Angle(name=f"E{'ABC'[TURNS.index(column)]}{letter}", position_mm=like.position_mm, value_urad=value * _URAD_PER_DEGREE)
+        angle = Angle(
+            name=f"E{'ABC'[TURNS.index(column)]}{letter}",
+            position_mm=like.position_mm,
+            value_urad=value * _URAD_PER_DEGREE,
+        )
         quantum_urad = _URAD_PER_DEGREE * 10.0**-DEGREE_DECIMALS
         laws = dict.fromkeys("XYZ", how.law)
-        yield from angle_tables(angle, levers, profile, kind=how.kinematics_kind, laws=laws, quantum_urad=quantum_urad, place=like.place)
+        yield from angle_tables(
+            angle,
+            levers,
+            profile,
+            kind=how.kinematics_kind,
+            laws=laws,
+            quantum_urad=quantum_urad,
+            place=like.place,
+        )
         return
     output = "XYZ"[COMPONENTS.index(column)]
     if output != letter or value.any():
         place = {**like.place, COLUMN: f"E{output}{letter}"}
-        yield replace(like, kind=how.kinematics_kind, output_axis=output, value_um=value * 1000.0, place=place)
+        yield replace(
+            like, kind=how.kinematics_kind, output_axis=output, value_um=value * 1000.0, place=place
+        )
 
 
 def read_assignment(file: ControlFile) -> dict[str, str]:
-    """Return the table that the active line calls, by axis. Raises ``DataError`` unless exactly one line is active."""
+    """Return the table that the active line calls, by axis. Raises ``DataError`` unless exactly one
+    line is active."""
     _, columns, rows = _read(file, free_cells=True)
     active = [cells for _, cells in rows if "*" in cells]
     if columns[:2] != ["NR", "ACTIVE"] or len(active) != 1:
-        raise DataError(file.name, expected=message("nr-active"), found=message("such-lines", count=len(active)))
+        raise DataError(
+            file.name, expected=message("nr-active"), found=message("such-lines", count=len(active))
+        )
     return {axis: cell for axis, cell in zip(columns[2:], active[0][2:], strict=True) if cell}
 
 
@@ -185,27 +261,45 @@ def _positions(
     else:
         raise DataError(f"{name}: line 1", expected=message("datum-or-column"), found=begin.group())
     if len(position) < 2 or np.any(np.diff(position) <= 0.0):
-        raise DataError(name, expected=message("two-rising"), found=message("count-rows", count=len(position)))
+        raise DataError(
+            name, expected=message("two-rising"), found=message("count-rows", count=len(position))
+        )
     return position
 
 
-def _read(file: ControlFile, *, free_cells: bool = False) -> tuple[re.Match[str], list[str], list[tuple[str, list[str]]]]:
+def _read(
+    file: ControlFile, *, free_cells: bool = False
+) -> tuple[re.Match[str], list[str], list[tuple[str, list[str]]]]:
     """Return first line, column names, and the cells of each row with its place.
 
-    ``free_cells``: cells may be empty, so they are cut where the columns begin; otherwise at the blanks.
+    ``free_cells``: cells may be empty, so they are cut where the columns begin; otherwise at the
+    blanks.
     """
     lines = [(at, line) for at, line in read_lines(file) if line.strip()]
     begin = _BEGIN.match(lines[0][1]) if lines else None
     if begin is None or begin["unit"] == "INCH":
-        raise DataError(f"{file.name}: line 1", expected="BEGIN <name> .. MM", found=repr(lines[0][1]) if lines else message("nothing"))
+        raise DataError(
+            f"{file.name}: line 1",
+            expected="BEGIN <name> .. MM",
+            found=repr(lines[0][1]) if lines else message("nothing"),
+        )
     if len(lines) < 3 or lines[-1][1].strip() != _END:
-        raise DataError(file.name, expected=message("heading-end", end=_END), found=message("no-eof"), remedy=message("file-truncated"))
+        raise DataError(
+            file.name,
+            expected=message("heading-end", end=_END),
+            found=message("no-eof"),
+            remedy=message("file-truncated"),
+        )
     starts = [(match.group(), match.start()) for match in re.finditer(r"\S+", lines[1][1])]
     rows = []
     for number, (at, line) in enumerate(lines[2:-1]):
         cells = _cut(line, [start for _, start in starts]) if free_cells else line.split()
         if len(cells) != len(starts) or cells[0] != str(number):
-            raise DataError(at, expected=message("row-cells", number=number, count=len(starts)), found=repr(line.rstrip()))
+            raise DataError(
+                at,
+                expected=message("row-cells", number=number, count=len(starts)),
+                found=repr(line.rstrip()),
+            )
         rows.append((at, cells))
     return begin, [name for name, _ in starts], rows
 
@@ -233,9 +327,12 @@ def _row(heading: str, cells: Mapping[str, str], empty: str, name: str) -> str:
     for column, start in starts:
         if row and len(row) >= start:
             raise SafetyError(
-                f"{name}: {column}", code="field-too-narrow.column", expected=message("wide-columns"), found=repr(row.rstrip()),
+                f"{name}: {column}",
+                code="field-too-narrow.column",
+                expected=message("wide-columns"),
+                found=repr(row.rstrip()),
                 remedy=message("widen-columns"),
-            )  # fmt: skip
+            )
         row = row.ljust(start) + cells.get(column, empty)
     return row.rstrip()
 

@@ -8,8 +8,9 @@ older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as err
 error positive when the table travels too far (TNC 407 p. 151); no page states it for .COM, so a
 sign test is due. Column widths are those of the control's own file if the profile names it.
 
-KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the errors of an axis other than its positioning stand
-in the columns C1 to C6 of its table, and five rows before its ``MachAxis`` in the kinematics table let them act, turns with their levers.
+KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the errors of an
+axis other than its positioning stand in the columns C1 to C6 of its table, and five rows before its
+``MachAxis`` in the kinematics table let them act, turns with their levers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -58,7 +59,9 @@ class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
     generation: Generation
     chain: str | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
-    assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="name-such-as-cma")] = "CONFIG.CMA"
+    assignment: Annotated[
+        str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="name-such-as-cma")
+    ] = "CONFIG.CMA"
 
 
 _TEMPLATE = """\
@@ -103,8 +106,11 @@ class Heidenhain:
             _check_spacing(tables, profile)
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile)))
 
-    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
-        """Return the same, and with ``chain`` the angles beside them, in the columns of KinematicsComp."""
+    def plan_products(
+        self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
+    ) -> Plan:
+        """Return the same, and with ``chain`` the angles beside them, in the columns of
+        KinematicsComp."""
         levers = _levers(profile)
         if levers is None:
             return self.plan(curves, profile)
@@ -113,18 +119,36 @@ class Heidenhain:
         tables = [*plan.tables]
         for angle in found.angles:
             tables += angle_tables(
-                angle, levers, profile, kind=KINEMATICS, laws=dict.fromkeys("XYZ", LAW), quantum_urad=_QUANTUM_URAD,
+                angle,
+                levers,
+                profile,
+                kind=KINEMATICS,
+                laws=dict.fromkeys("XYZ", LAW),
+                quantum_urad=_QUANTUM_URAD,
                 place=_place(angle.name[2], profile),
-            )  # fmt: skip
+            )
         recalled = finding("info", message("sign-untested.component", file=LINES))
         return Plan(tables=tuple(tables), findings=(*plan.findings, recalled))
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
-        named = _called(profile) | {profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables}
-        beside = [ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")] if notes else []
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
+        """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into
+        a note beside them."""
+        named = _called(profile) | {
+            profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables
+        }
+        beside = (
+            [ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")]
+            if notes
+            else []
+        )
         if any(table.kind == KINEMATICS for table in tables):
-            beside.append(ControlFile(name=LINES, data=ascii_lines(_kinematics_lines(tables, profile)), role="note"))
+            beside.append(
+                ControlFile(
+                    name=LINES, data=ascii_lines(_kinematics_lines(tables, profile)), role="note"
+                )
+            )
         return (*self._com_files(tables, profile), self._assignment(named, profile), *beside)
 
     def _com_files(self, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
@@ -132,11 +156,17 @@ class Heidenhain:
         options = profile.options_as(HeidenhainOptions)
         by_input = [[table for table in tables if table.input_axis == letter] for letter in "XYZ"]
         positions = options.generation == "tnc640"
-        return [com.render(of_axis, profile, positions=positions, decimals=options.decimals) for of_axis in by_input if of_axis]
+        return [
+            com.render(of_axis, profile, positions=positions, decimals=options.decimals)
+            for of_axis in by_input
+            if of_axis
+        ]
 
     def _assignment(self, named: Mapping[str, str], profile: Profile) -> ControlFile:
         name = profile.options_as(HeidenhainOptions).assignment
-        return com.render_assignment(name, named, [axis.name for axis in profile.axes.values()], profile)
+        return com.render_assignment(
+            name, named, [axis.name for axis in profile.axes.values()], profile
+        )
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables called by the active line of the .CMA file; without a line, each .COM
@@ -145,31 +175,58 @@ class Heidenhain:
         coms = [file for file in files if file.name.upper().endswith(".COM")]
         tables_of = {plain_name(file.name).upper(): file for file in coms}
         if len(tables_of) < len(coms):
-            raise DataError("files", expected=message("table-once"), found=", ".join(file.name for file in coms))
+            raise DataError(
+                "files", expected=message("table-once"), found=", ".join(file.name for file in coms)
+            )
         assignments = [file for file in files if file.name.upper().endswith(".CMA")]
         if not tables_of:
-            raise DataError("files", expected=message("com-table"), found=", ".join(file.name for file in files) or message("nothing"))
+            raise DataError(
+                "files",
+                expected=message("com-table"),
+                found=", ".join(file.name for file in files) or message("nothing"),
+            )
         if len(assignments) > 1:
-            raise DataError("files", expected=message("one-cma"), found=", ".join(file.name for file in assignments))
+            raise DataError(
+                "files",
+                expected=message("one-cma"),
+                found=", ".join(file.name for file in assignments),
+            )
         if assignments:
             called = com.read_assignment(assignments[0])
         else:
-            called = {com.axis_in(name, [axis.name for axis in profile.axes.values()]): name for name in tables_of}
+            called = {
+                com.axis_in(name, [axis.name for axis in profile.axes.values()]): name
+                for name in tables_of
+            }
         tables: list[Table] = []
-        beside = {plain_name(file.name).upper(): file for file in profile.existing if file.name.upper().endswith(".COM")}
+        beside = {
+            plain_name(file.name).upper(): file
+            for file in profile.existing
+            if file.name.upper().endswith(".COM")
+        }
         tables_of = {**beside, **tables_of} if assignments else tables_of
         for axis, name in called.items():
             if name.upper() not in tables_of:
-                raise DataError(assignments[0].name, expected=message("calls-for", name=name, axis=axis), found=", ".join(tables_of))
-            how = com.Reading(kind=KIND, kinematics_kind=KINEMATICS, law=LAW, levers=_levers(profile))
+                raise DataError(
+                    assignments[0].name,
+                    expected=message("calls-for", name=name, axis=axis),
+                    found=", ".join(tables_of),
+                )
+            how = com.Reading(
+                kind=KIND, kinematics_kind=KINEMATICS, law=LAW, levers=_levers(profile)
+            )
             tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, how)
         return tuple(tables)
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the tables called by the last .CMA file, each .COM table in its last copy; the
         control decides which .CMA acts.
         """
-        called = [file for files in (own, new) for file in files if file.name.upper().endswith(".CMA")][-1:]
+        called = [
+            file for files in (own, new) for file in files if file.name.upper().endswith(".CMA")
+        ][-1:]
         tables = [file for file in copied(own, new) if not file.name.upper().endswith(".CMA")]
         return self.parse([*tables, *called], profile) if tables else ()
 
@@ -180,7 +237,9 @@ class Heidenhain:
         if any(file.name.upper().endswith(".CMA") for file in profile.existing):
             return profile.existing
         zeros = lacking(self, tables, profile, _file_of)
-        named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in zeros} | _called(profile)
+        named = {
+            profile.axis(table.input_axis).name: str(table.place["file"]) for table in zeros
+        } | _called(profile)
         assignment = self._assignment(named, profile)
         return (*profile.existing, *self._com_files(zeros, profile), assignment)
 
@@ -193,27 +252,61 @@ class Heidenhain:
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
-        """Return the steps for the service engineer (MANUALplus 620 pp. 716-718; TNC 407 pp. 151-156, 622)."""
+        """Return the steps for the service engineer (MANUALplus 620 pp. 716-718; TNC 407 pp.
+        151-156, 622)."""
         older = profile.options_as(HeidenhainOptions).generation != "tnc640"
         return (
             "Back up the machine parameters and every .COM and .CMA file of the control.",
-            "Positions count from the machine datum: see that the reference of each axis in the profile does too.",
+            (
+                "Positions count from the machine datum: see that the reference of each axis in "
+                "the "
+                "profile does too."
+            ),
             *(
-                ["MP730: set the bit of each axis to nonlinear compensation. Linear (MP720) and nonlinear exclude each other."]
+                [
+                    (
+                        "MP730: set the bit of each axis to nonlinear compensation. Linear (MP720) "
+                        "and nonlinear exclude each other."
+                    )
+                ]
                 if older
                 else []
             ),
-            *(["Transfer under the extensions .S for .CMA and .V for .COM where the control is older than the TNC 426."] if older else []),
-            "Copy the .COM tables and the .CMA file beside each other; its line with * in ACTIVE acts (older: soft key, PLC module 9095).",
             *(
                 [
-                    f"KinematicsComp: put the rows of {LINES} into the column COMPTAB of the kinematics table; MP4070 limits the rate.",
-                    "To restore, take these rows out again and copy the _RESTORE files under their plain names.",
+                    (
+                        "Transfer under the extensions .S for .CMA and .V for .COM where the "
+                        "control "
+                        "is older than the TNC 426."
+                    )
+                ]
+                if older
+                else []
+            ),
+            (
+                "Copy the .COM tables and the .CMA file beside each other; its line with * in "
+                "ACTIVE "
+                "acts (older: soft key, PLC module 9095)."
+            ),
+            *(
+                [
+                    (
+                        f"KinematicsComp: put the rows of {LINES} into the column COMPTAB of the "
+                        "kinematics table; MP4070 limits the rate."
+                    ),
+                    (
+                        "To restore, take these rows out again and copy the _RESTORE files under "
+                        "their plain names."
+                    ),
                 ]
                 if _levers(profile) is not None
                 else []
             ),
-            "The sense of .COM is inferred from MP720: make the sign test before the first real table.",
+            (
+                "The sense of .COM is inferred from MP720: make the sign test before the first "
+                "real "
+                "table."
+            ),
             "Measure again; if the residual has grown, load the restore files.",
         )
 
@@ -229,9 +322,11 @@ def _levers(profile: Profile) -> Vector | None:
         return None
     if options.generation != "itnc530":
         raise UsageError(
-            f"{profile.source}: heidenhain.chain", expected=message("nothing-or-itnc530"), found=f'"{options.generation}"',
+            f"{profile.source}: heidenhain.chain",
+            expected=message("nothing-or-itnc530"),
+            found=f'"{options.generation}"',
             remedy=message("kinematicscomp-not-public"),
-        )  # fmt: skip
+        )
     return levers_of(options.chain, own=False)
 
 
@@ -242,7 +337,9 @@ def _called(profile: Profile) -> dict[str, str]:
     assignments = [file for file in profile.existing if file.name.upper().endswith(".CMA")]
     if assignments:
         return com.read_assignment(assignments[0])
-    names = [plain_name(file.name) for file in profile.existing if file.name.upper().endswith(".COM")]
+    names = [
+        plain_name(file.name) for file in profile.existing if file.name.upper().endswith(".COM")
+    ]
     axes = [axis.name for axis in profile.axes.values()]
     return {com.axis_in(name, axes): name for name in names}
 
@@ -253,26 +350,53 @@ def _place(input_axis: str, profile: Profile) -> dict[str, int | str]:
 
 
 def _curve_tables(curve: Curve, profile: Profile) -> tuple[Table, ...]:
-    """Return the table of a curve; with KinematicsComp a straightness stands in the column of its direction."""
+    """Return the table of a curve; with KinematicsComp a straightness stands in the column of its
+    direction."""
     options = profile.options_as(HeidenhainOptions)
-    quantum_um, place, kind = 1000.0 * 10.0**-options.decimals, _place(curve.input_axis, profile), KIND
+    quantum_um, place, kind = (
+        1000.0 * 10.0**-options.decimals,
+        _place(curve.input_axis, profile),
+        KIND,
+    )
     if _levers(profile) is not None and curve.name not in POSITIONING:
         kind, place = KINEMATICS, {**place, COLUMN: curve.name}
-    return absolute_tables(curve, averaging(profile), kind=kind, law=LAW, quantum_um=quantum_um, place=place)
+    return absolute_tables(
+        curve, averaging(profile), kind=kind, law=LAW, quantum_um=quantum_um, place=place
+    )
 
 
 def _kinematics_lines(tables: Sequence[Table], profile: Profile) -> Iterator[str]:
-    """Yield the rows of the kinematics table that let the columns act, with what is known of them and what is not."""
+    """Yield the rows of the kinematics table that let the columns act, with what is known of them
+    and what is not."""
     chain = parse_chain(str(profile.options_as(HeidenhainOptions).chain))
-    yield "# KinematicsComp, iTNC 530: rows for the kinematics table, columns NR DOC KEY AXIS COORD COMPTAB."
-    yield "# READ (HSCI technical manual pp. 671, 680, 684, 686): C1 to C6 are the errors of the axis in X Y Z A B C; the rows stand"
-    yield "# before the MachAxis of the axis, seen from the tool; the example for X is 'Trans Y A..C2'; COMPTAB and MachAxis have at most"
+    yield (
+        "# KinematicsComp, iTNC 530: rows for the kinematics table, columns NR DOC KEY AXIS "
+        "COORD COMPTAB."
+    )
+    yield (
+        "# READ (HSCI technical manual pp. 671, 680, 684, 686): C1 to C6 are the errors of the "
+        "axis in X Y Z A B C; the rows stand"
+    )
+    yield (
+        "# before the MachAxis of the axis, seen from the tool; the example for X is 'Trans Y "
+        "A..C2'; COMPTAB and MachAxis have at most"
+    )
     yield "# 100 entries together."
-    yield "# RECALLED, compare with a kinematics table of this control: the words A..C2 for other axes, degrees for C4 to C6, their sense."
-    yield "# No rows after MachAxis are needed: every column is 0 at the reference position of its axis."
+    yield (
+        "# RECALLED, compare with a kinematics table of this control: the words A..C2 for other "
+        "axes, degrees for C4 to C6, their sense."
+    )
+    yield (
+        "# No rows after MachAxis are needed: every column is 0 at the reference position of its "
+        "axis."
+    )
     for axis in reversed((*chain.work, *chain.tool)):
         letter = "XYZ"[axis]
-        written = {str(table.place[COLUMN]) for table in tables if table.input_axis == letter and COLUMN in table.place}
+        written = {
+            str(table.place[COLUMN])
+            for table in tables
+            if table.input_axis == letter and COLUMN in table.place
+        }
         for component, column in zip("XYZABC", (*com.COMPONENTS, *com.TURNS), strict=True):
             name = f"E{component}{letter}"
             if name in written:
@@ -289,7 +413,10 @@ def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:
         step = float(table.position_mm[1] - table.position_mm[0])
         power = np.log2(step * _TENTH_UM_PER_MM)
         if abs(power - round(power)) > 1e-9:
-            lower, upper = (2.0 ** np.floor(power) / _TENTH_UM_PER_MM, 2.0 ** np.ceil(power) / _TENTH_UM_PER_MM)
+            lower, upper = (
+                2.0 ** np.floor(power) / _TENTH_UM_PER_MM,
+                2.0 ** np.ceil(power) / _TENTH_UM_PER_MM,
+            )
             raise SafetyError(
                 f"{profile.source}: axes.{table.input_axis}.step_mm",
                 code="grid-unfit.spacing",

@@ -1,9 +1,10 @@
 """LinuxCNC: one COMP_FILE of type 0 per axis, and the squareness as coefficients of ``matrixkins``.
 
-Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A row of type 0 is
-``nominal forward-actual reverse-actual``: positions as they really are, so there is no sign to get wrong. The first line that
-does not give three numbers silently ends the file: no comments. At most 256 rows, nominal rising. Linear between rows, ends held,
-in joint space after the kinematics. There is no table for straightness: what remains of it stands in a finding.
+Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A
+row of type 0 is ``nominal forward-actual reverse-actual``: positions as they really are, so there
+is no sign to get wrong. The first line that does not give three numbers silently ends the file: no
+comments. At most 256 rows, nominal rising. Linear between rows, ends held, in joint space after the
+kinematics. There is no table for straightness: what remains of it stands in a finding.
 """
 
 import re
@@ -80,14 +81,20 @@ class LinuxCnc:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> LinuxCncOptions:
-        """Return the options of a quick look: joints 0, 1, 2 for X, Y, Z, as ``trivkins coordinates=XYZ`` gives them."""
+        """Return the options of a quick look: joints 0, 1, 2 for X, Y, Z, as ``trivkins
+        coordinates=XYZ`` gives them."""
         return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the size of the table, and what it holds in place of BACKLASH; the control checks neither value nor slope."""
+        """Return the size of the table, and what it holds in place of BACKLASH; the control checks
+        neither value nor slope."""
         if table.kind != SCREW:
             return Limits()
-        return Limits(points=MOST_ROWS, reference_um=_taken_over(table.input_axis, self._active(profile), profile)[0], ends_backlash=True)
+        return Limits(
+            points=MOST_ROWS,
+            reference_um=_taken_over(table.input_axis, self._active(profile), profile)[0],
+            ends_backlash=True,
+        )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return screw tables for positioning errors and a coefficient for each squareness.
@@ -98,19 +105,30 @@ class LinuxCnc:
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = message("sense-component-stands-its")
-            raise UsageError(f"{profile.source}: linuxcnc.way", expected=message("screw-for-tables"), found='"kinematics"', remedy=remedy)
+            raise UsageError(
+                f"{profile.source}: linuxcnc.way",
+                expected=message("screw-for-tables"),
+                found='"kinematics"',
+                remedy=remedy,
+            )
         active, matrix = self._active(profile), profile.options_as(LinuxCncOptions).matrixkins
-        quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
+        quantum_um = (
+            1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
+        )
         tables: list[Table] = []
         for curve in curves:
             if curve.name in POSITIONING:
                 place: dict[str, int | str] = {"file": _screw_name(curve.input_axis)}
-                own = absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
+                own = absolute_tables(
+                    curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place
+                )
                 tables += _with_backlash(own, *_taken_over(curve.input_axis, active, profile))
             elif matrix and any(part in SQUARENESS_SLOPE for part in curve.parts):
                 tables.append(_matrix_table(curve, _partner(curve, curves)))
         left = () if matrix else tuple(_squareness_remark(curves))
-        return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "LinuxCNC"), *left))
+        return Plan(
+            tables=tuple(tables), findings=(*straightness_remark(curves, "LinuxCNC"), *left)
+        )
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
         """Return the functions with the partner of each that holds a squareness: a coefficient
@@ -119,10 +137,20 @@ class LinuxCnc:
         partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
         return tuple(name for name in FUNCTIONS if name in partners or name in names)
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return ``screw_x.comp`` .. for the axes, ``squareness.hal``, and the lines for the INI file as a note."""
-        screws = {letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter] for letter in "XYZ"}
-        files = [ControlFile(name=_screw_name(letter), data=_screw_file(of_axis, profile)) for letter, of_axis in screws.items() if of_axis]
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
+        """Return ``screw_x.comp`` .. for the axes, ``squareness.hal``, and the lines for the INI
+        file as a note."""
+        screws = {
+            letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter]
+            for letter in "XYZ"
+        }
+        files = [
+            ControlFile(name=_screw_name(letter), data=_screw_file(of_axis, profile))
+            for letter, of_axis in screws.items()
+            if of_axis
+        ]
         matrix = [table for table in tables if table.kind == MATRIX]
         if matrix:
             lines = [*(f"# {note}" for note in notes), *map(_coefficient_line, matrix)]
@@ -132,49 +160,76 @@ class LinuxCnc:
         return (*files, change(before, self._naming(profile, files, before), notes))
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of screw files (the file name names the axis) and of HAL files with matrixkins coefficients."""
+        """Return the tables of screw files (the file name names the axis) and of HAL files with
+        matrixkins coefficients."""
         tables: list[Table] = []
         for file in without_notes(files):
             if lattice.recognises(file):
                 raise _lattice_in_control(file, profile)
-            found = _read_matrix(file, profile) if b"matrixkins" in file.data else _read_screw(file, profile)
+            found = (
+                _read_matrix(file, profile)
+                if b"matrixkins" in file.data
+                else _read_screw(file, profile)
+            )
             tables += found
         return tuple(tables)
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the active tables: a COMP_FILE per axis, named in the INI file, and a HAL file
         with the coefficients of matrixkins.
         """
         return overwritten(
-            self.parse(own, profile), self.parse(new, profile), lambda table: (table.kind, table.kind == SCREW and table.name)
+            self.parse(own, profile),
+            self.parse(new, profile),
+            lambda table: (table.kind, table.kind == SCREW and table.name),
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros would still switch BACKLASH off."""
+        """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros
+        would still switch BACKLASH off."""
         before = self._naming(profile)
         written = [file for file in self.render(tables, profile) if file.role == "data"]
         notes = unless_named(before, profile.machine.measured_with)
         return (*profile.existing, back(before, self._naming(profile, written, before), notes))
 
-    def _naming(self, profile: Profile, files: Sequence[ControlFile] | None = None, over: Naming | None = None) -> Naming:
-        """Return what the INI file names, for the machine's own files or for new ones over those."""
+    def _naming(
+        self,
+        profile: Profile,
+        files: Sequence[ControlFile] | None = None,
+        over: Naming | None = None,
+    ) -> Naming:
+        """Return what the INI file names, for the machine's own files or for new ones over
+        those."""
         joints, inch = profile.options_as(LinuxCncOptions).joints, profile.machine.units == "inch"
-        return named_by(profile.existing if files is None else files, joints, inch=inch, source=profile.source, over=over)
+        return named_by(
+            profile.existing if files is None else files,
+            joints,
+            inch=inch,
+            source=profile.source,
+            over=over,
+        )
 
     def _active(self, profile: Profile) -> tuple[Table, ...]:
         """Return the screw tables that acted while measuring."""
         if profile.machine.measured_with == "off" or not profile.existing:
             return ()
-        return tuple(table for table in self.parse(profile.existing, profile) if table.kind == SCREW)
+        return tuple(
+            table for table in self.parse(profile.existing, profile) if table.kind == SCREW
+        )
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return ``READ_BACK.ngc`` and its reader."""
         return read_back_files([table for table in tables if table.kind == SCREW], unit_mm(profile))
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file sets matrixkins, or begins with three numbers and is named after one axis."""
+        """Return whether the file sets matrixkins, or begins with three numbers and is named after
+        one axis."""
         first = file.data.split(b"\n", 1)[0].decode("ascii", errors="replace")
-        return b"setp matrixkins." in file.data or (_three_numbers(first) is not None and axis_in(file.name) is not None)
+        return b"setp matrixkins." in file.data or (
+            _three_numbers(first) is not None and axis_in(file.name) is not None
+        )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point."""
@@ -183,14 +238,42 @@ class LinuxCnc:
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps for the person who maintains the configuration."""
         return (
-            f"Back up the configuration folder. The files are in {profile.machine.units}, the unit of [TRAJ]LINEAR_UNITS.",
-            "Copy the .comp files beside the INI file and change it as ini_lines.txt says; what that does not name stays.",
-            "COMP_FILE switches [JOINT_n]BACKLASH off: half of it is in each of the two columns instead. Leave BACKLASH as it is.",
-            "The correction acts on joints whether homed or not: home all axes before measuring or machining.",
-            "squareness.hal needs KINEMATICS = matrixkins: see whether this LinuxCNC has it (2.9.0~pre1 has not), otherwise leave it out.",
-            "squareness.hal takes the place of the coefficients that matrixkins holds off the diagonal: nothing is added up by hand.",
-            "Restart LinuxCNC: the files are read at its start. The positions on the screen do not show the correction.",
-            "If the residual has grown: copy the _RESTORE files under their plain names, change the INI file by ini_lines_RESTORE.txt.",
+            (
+                f"Back up the configuration folder. The files are in {profile.machine.units}, the "
+                "unit of [TRAJ]LINEAR_UNITS."
+            ),
+            (
+                "Copy the .comp files beside the INI file and change it as ini_lines.txt says; "
+                "what "
+                "that does not name stays."
+            ),
+            (
+                "COMP_FILE switches [JOINT_n]BACKLASH off: half of it is in each of the two "
+                "columns "
+                "instead. Leave BACKLASH as it is."
+            ),
+            (
+                "The correction acts on joints whether homed or not: home all axes before "
+                "measuring "
+                "or machining."
+            ),
+            (
+                "squareness.hal needs KINEMATICS = matrixkins: see whether this LinuxCNC has it "
+                "(2.9.0~pre1 has not), otherwise leave it out."
+            ),
+            (
+                "squareness.hal takes the place of the coefficients that matrixkins holds off the "
+                "diagonal: nothing is added up by hand."
+            ),
+            (
+                "Restart LinuxCNC: the files are read at its start. The positions on the screen do "
+                "not show the correction."
+            ),
+            (
+                "If the residual has grown: copy the _RESTORE files under their plain names, "
+                "change "
+                "the INI file by ini_lines_RESTORE.txt."
+            ),
         )
 
 
@@ -240,7 +323,9 @@ def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple
     return -half, half
 
 
-def _with_backlash(tables: Sequence[Table], forward_um: float, reverse_um: float) -> tuple[Table, ...]:
+def _with_backlash(
+    tables: Sequence[Table], forward_um: float, reverse_um: float
+) -> tuple[Table, ...]:
     """Return the tables of an axis with an offset per direction; a single column becomes two if the
     offsets differ.
     """
@@ -248,7 +333,11 @@ def _with_backlash(tables: Sequence[Table], forward_um: float, reverse_um: float
         return tuple(tables)
     ways = ((tables[0], 1, forward_um), (tables[-1], -1, reverse_um))
     return tuple(
-        replace(table, direction=direction, value_um=quantised(table.value_um + offset, table.quantum_um))
+        replace(
+            table,
+            direction=direction,
+            value_um=quantised(table.value_um + offset, table.quantum_um),
+        )
         for table, direction, offset in ways
     )
 
@@ -265,18 +354,33 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
     lines that fit both curves of the pair are the best turn, not the line through the ends of the
     curve with the squareness.
     """
-    slope = (straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)) * 1e-3
+    slope = (
+        straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)
+    ) * 1e-3
     ends = curve.position_mm[[0, -1]]
-    return _coefficient_table(curve.output_axis, curve.input_axis, round(-slope, _COEFFICIENT_DECIMALS), ends)
+    return _coefficient_table(
+        curve.output_axis, curve.input_axis, round(-slope, _COEFFICIENT_DECIMALS), ends
+    )
 
 
 def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the other curve of a pair of axes, where the coefficient is to be found anew: an old one holds both of them already."""
-    pair = [each for each in curves if {each.input_axis, each.output_axis} == {curve.input_axis, curve.output_axis}]
-    return [] if any(KEPT in each.parts for each in pair) else [each for each in pair if each is not curve]
+    """Return the other curve of a pair of axes, where the coefficient is to be found anew: an old
+    one holds both of them already."""
+    pair = [
+        each
+        for each in curves
+        if {each.input_axis, each.output_axis} == {curve.input_axis, curve.output_axis}
+    ]
+    return (
+        []
+        if any(KEPT in each.parts for each in pair)
+        else [each for each in pair if each is not curve]
+    )
 
 
-def _coefficient_table(output_axis: str, input_axis: str, coefficient: float, ends: Vector) -> Table:
+def _coefficient_table(
+    output_axis: str, input_axis: str, coefficient: float, ends: Vector
+) -> Table:
     return Table(
         kind=MATRIX,
         input_axis=input_axis,
@@ -291,18 +395,24 @@ def _coefficient_table(output_axis: str, input_axis: str, coefficient: float, en
 
 
 def _coefficient_line(table: Table) -> str:
-    coefficient = float(np.diff(table.value_um[[0, -1]])[0] / np.diff(table.position_mm[[0, -1]])[0]) / 1000.0
-    return f"setp matrixkins.{table.place['coefficient']} {fixed(coefficient, _COEFFICIENT_DECIMALS)}"
+    coefficient = (
+        float(np.diff(table.value_um[[0, -1]])[0] / np.diff(table.position_mm[[0, -1]])[0]) / 1000.0
+    )
+    return (
+        f"setp matrixkins.{table.place['coefficient']} {fixed(coefficient, _COEFFICIENT_DECIMALS)}"
+    )
 
 
 def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
-    """Return the rows; nominal and actual are written to the same places, so that their difference is the value itself."""
+    """Return the rows; nominal and actual are written to the same places, so that their difference
+    is the value itself."""
     unit = unit_mm(profile)
     forward = next(table for table in tables if table.direction >= 0)
     reverse = next(table for table in tables if table.direction <= 0)
     rows = zip(forward.position_mm, forward.value_um, reverse.value_um, strict=True)
     return ascii_lines(
-        " ".join(shortest(actual / unit) for actual in (at, at + there / 1000, at + back / 1000)) for at, there, back in rows
+        " ".join(shortest(actual / unit) for actual in (at, at + there / 1000, at + back / 1000))
+        for at, there, back in rows
     )
 
 
@@ -311,10 +421,17 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
     if letter is None:
         raise DataError(file.name, expected=message("screw-name"), found=file.name)
     if not file.data.endswith(b"\n"):
-        raise DataError(file.name, expected=message("line-end"), found=message("none"), remedy=message("maybe-cut"))
+        raise DataError(
+            file.name,
+            expected=message("line-end"),
+            found=message("none"),
+            remedy=message("maybe-cut"),
+        )
     rows = np.array(list(_rows(file)))
     if not 2 <= len(rows) <= MOST_ROWS:
-        raise DataError(file.name, expected=message("2-rows", most_rows=MOST_ROWS), found=str(len(rows)))
+        raise DataError(
+            file.name, expected=message("2-rows", most_rows=MOST_ROWS), found=str(len(rows))
+        )
     unit = unit_mm(profile)
     nominal, forward, reverse = rows.T * unit
     columns = ((0, forward),) if np.array_equal(forward, reverse) else ((1, forward), (-1, reverse))
@@ -336,14 +453,22 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
-    """Yield the rows; a line that the control would take for the end of the file is refused instead."""
+    """Yield the rows; a line that the control would take for the end of the file is refused
+    instead."""
     last = -np.inf
     for where, line in read_lines(file):
         row = _three_numbers(line)
         if row is None:
-            raise DataError(where, expected=message("three-numbers"), found=repr(line), remedy=message("stops-reading"))
+            raise DataError(
+                where,
+                expected=message("three-numbers"),
+                found=repr(line),
+                remedy=message("stops-reading"),
+            )
         if row[0] <= last:
-            raise DataError(where, expected=message("nominal-above", place=last), found=f"{row[0]:g}")
+            raise DataError(
+                where, expected=message("nominal-above", place=last), found=f"{row[0]:g}"
+            )
         last = row[0]
         yield row
 
@@ -353,7 +478,11 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
         nominal, forward, reverse = (float(word) for word in line.split())
     except ValueError:
         return None
-    return (nominal, forward, reverse) if all(abs(number) <= LARGEST for number in (nominal, forward, reverse)) else None
+    return (
+        (nominal, forward, reverse)
+        if all(abs(number) <= LARGEST for number in (nominal, forward, reverse))
+        else None
+    )
 
 
 def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
@@ -370,12 +499,23 @@ def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
             raise DataError(where, expected=message("setp-of-matrixkins"), found=repr(line))
         gain = finite(match["value"], where) - (1.0 if match["row"] == match["column"] else 0.0)
         column = match["column"].upper()
-        tables.append(_coefficient_table(match["row"].upper(), column, gain, _travel_mm(column, profile)))
+        tables.append(
+            _coefficient_table(match["row"].upper(), column, gain, _travel_mm(column, profile))
+        )
     return tables
 
 
 def _travel_mm(letter: str, profile: Profile) -> Vector:
     """Return the ends of an axis in mm by the profile; a metre to each side if not stated."""
     axis = profile.axes.get(letter)
-    stated = axis is not None and axis.start_mm is not None and axis.end_mm is not None and axis.end_mm > axis.start_mm
-    return np.array([axis.start_mm, axis.end_mm]) if axis is not None and stated else np.array([-1000.0, 1000.0])
+    stated = (
+        axis is not None
+        and axis.start_mm is not None
+        and axis.end_mm is not None
+        and axis.end_mm > axis.start_mm
+    )
+    return (
+        np.array([axis.start_mm, axis.end_mm])
+        if axis is not None and stated
+        else np.array([-1000.0, 1000.0])
+    )

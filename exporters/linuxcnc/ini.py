@@ -1,4 +1,5 @@
-"""The lines of LinuxCNC's INI file that make files act: what an export puts in and takes out, and the way back."""
+"""The lines of LinuxCNC's INI file that make files act: what an export puts in and takes out, and
+the way back."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,8 +16,15 @@ from stepdiag.exporters.tables import lattice
 NAME = "ini_lines.txt"
 COMPONENT_HAL = "stepdiagkins.hal"
 _CHANGE = "# Lines with '-' go out of the INI file, lines with '+' into it, each in its section."
-_BACK = ("# Back to where the control was.", _CHANGE, "# A joint without COMP_FILE uses its BACKLASH again, as before.")
-UNLESS_NAMED = "The compensation was off while measuring: a COMP_FILE that the INI file did not name neither goes out nor comes back."
+_BACK = (
+    "# Back to where the control was.",
+    _CHANGE,
+    "# A joint without COMP_FILE uses its BACKLASH again, as before.",
+)
+UNLESS_NAMED = (
+    "The compensation was off while measuring: a COMP_FILE that the INI file did not name "
+    "neither goes out nor comes back."
+)
 _AS_BEFORE = ("[KINS]", "KINEMATICS = as it was before")
 _SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:\Z|[^a-z])|(?P<last>[xyz])\Z")
 Joints = Mapping[str, Sequence[int]]
@@ -61,7 +69,8 @@ def axis_in(name: str) -> str | None:
 
 
 def coordinates(joints: Joints, source: str) -> str:
-    """Return the axis letter of each joint in order, ``XYYZ``. Raises ``UsageError`` where a joint has no letter, or two."""
+    """Return the axis letter of each joint in order, ``XYYZ``. Raises ``UsageError`` where a joint
+    has no letter, or two."""
     letters = {joint: letter for letter, each in joints.items() for joint in each}
     numbers = sorted(joint for each in joints.values() for joint in each)
     if numbers != list(range(len(numbers))) or not all(joints.get(letter) for letter in "XYZ"):
@@ -73,8 +82,16 @@ def coordinates(joints: Joints, source: str) -> str:
     return "".join(letters[number] for number in numbers)
 
 
-def named_by(files: Iterable[ControlFile], joints: Joints, *, inch: bool, source: str, over: Naming | None = None) -> Naming:
-    """Return what the INI file names when ``files`` act, ``over`` what it named before; a lattice takes the place of everything.
+def named_by(
+    files: Iterable[ControlFile],
+    joints: Joints,
+    *,
+    inch: bool,
+    source: str,
+    over: Naming | None = None,
+) -> Naming:
+    """Return what the INI file names when ``files`` act, ``over`` what it named before; a lattice
+    takes the place of everything.
 
     Raises ``UsageError`` for an axis without joints in the file.
     """
@@ -84,14 +101,25 @@ def named_by(files: Iterable[ControlFile], joints: Joints, *, inch: bool, source
         if lattice.recognises(file):
             vertices = lattice.parse(file).vectors_um[..., 0].size
             unit = " inch=1" if inch else ""
-            words = f"stepdiagkins coordinates={coordinates(joints, source)} lattice={name} vertices={vertices}{unit}"
+            words = (
+                f"stepdiagkins coordinates={coordinates(joints, source)} lattice={name} "
+                f"vertices={vertices}{unit}"
+            )
             return Naming(kinematics=words, hal=COMPONENT_HAL)
         if b"setp matrixkins." in file.data:
             named = Naming(comp=named.comp, kinematics="matrixkins", hal=name)
         elif (letter := axis_in(name)) is not None:
             if letter not in joints:
-                raise UsageError(f"{source}: linuxcnc.joints", expected=message("joints-of", letter=letter), found=str(dict(joints)))
-            named = Naming(comp={**named.comp, **dict.fromkeys(joints[letter], name)}, kinematics=named.kinematics, hal=named.hal)
+                raise UsageError(
+                    f"{source}: linuxcnc.joints",
+                    expected=message("joints-of", letter=letter),
+                    found=str(dict(joints)),
+                )
+            named = Naming(
+                comp={**named.comp, **dict.fromkeys(joints[letter], name)},
+                kinematics=named.kinematics,
+                hal=named.hal,
+            )
     return named
 
 
@@ -100,8 +128,14 @@ def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlF
     to go out of it.
     """
     old, new = before.lines(), after.lines()
-    rows = [_CHANGE, *_changed(before, after)] if any(line not in new for line in old) else list(_sections(new))
-    return ControlFile(name=NAME, data=ascii_lines([*(f"# {note}" for note in notes), *rows]), role="note")
+    rows = (
+        [_CHANGE, *_changed(before, after)]
+        if any(line not in new for line in old)
+        else list(_sections(new))
+    )
+    return ControlFile(
+        name=NAME, data=ascii_lines([*(f"# {note}" for note in notes), *rows]), role="note"
+    )
 
 
 def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
@@ -111,7 +145,8 @@ def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFil
 
 
 def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
-    """Return the note on COMP_FILEs of the machine's own that were off while measuring: the INI file may not have named them."""
+    """Return the note on COMP_FILEs of the machine's own that were off while measuring: the INI
+    file may not have named them."""
     return (UNLESS_NAMED,) if before.comp and measured_with == "off" else ()
 
 

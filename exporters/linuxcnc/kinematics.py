@@ -1,4 +1,5 @@
-"""LinuxCNC: the whole error field through a kinematics component of ours, which reads the lattice when the control starts.
+"""LinuxCNC: the whole error field through a kinematics component of ours, which reads the lattice
+when the control starts.
 
 LinuxCNC has no volumetric compensation; a kinematics module is the place for it, because only this
 module sees all axes at once. ``stepdiagkins.c`` stands in for ``trivkins``: built on the control
@@ -24,7 +25,16 @@ from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
-from stepdiag.exporters.linuxcnc.ini import COMPONENT_HAL, NAME, Joints, Naming, back, change, named_by, unless_named
+from stepdiag.exporters.linuxcnc.ini import (
+    COMPONENT_HAL,
+    NAME,
+    Joints,
+    Naming,
+    back,
+    change,
+    named_by,
+    unless_named,
+)
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
@@ -50,72 +60,108 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
 
 
 def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
-    """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as a note.
+    """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as
+    a note.
 
-    The lines take out of it what the machine's own files are named by: COMP_FILEs and coefficients would act beside the lattice. They
-    widen the limits of the joints. Raises ``UsageError`` for joints that have a gap.
+    The lines take out of it what the machine's own files are named by: COMP_FILEs and coefficients
+    would act beside the lattice. They widen the limits of the joints. Raises ``UsageError`` for
+    joints that have a gap.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
-    notes = (*unless_named(before, profile.machine.measured_with), *_limits_unstated(held, profile, joints))
+    notes = (
+        *unless_named(before, profile.machine.measured_with),
+        *_limits_unstated(held, profile, joints),
+    )
     hal = ascii_lines(["addf stepdiagkins.update servo-thread", "setp stepdiagkins.enable 1"])
     return (
         file,
-        ControlFile(name=SOURCE, data=Path(__file__).with_name(SOURCE).read_bytes(), role="program"),
+        ControlFile(
+            name=SOURCE, data=Path(__file__).with_name(SOURCE).read_bytes(), role="program"
+        ),
         ControlFile(name=HAL, data=hal, role="program"),
         change(before, after, notes),
     )
 
 
 def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
-    """Return what takes the lattice out again: the own files, the lines of the INI file, and zeros where no lattice was there before."""
+    """Return what takes the lattice out again: the own files, the lines of the INI file, and zeros
+    where no lattice was there before."""
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
     had_lattice = any(map(lattice.recognises, profile.existing))
-    zeros = () if had_lattice else (lattice.render(replace(held, vectors_um=np.zeros(held.vectors_um.shape))),)
-    notes = (*unless_named(before, profile.machine.measured_with), *_limits_unstated(held, profile, joints))
+    zeros = (
+        ()
+        if had_lattice
+        else (lattice.render(replace(held, vectors_um=np.zeros(held.vectors_um.shape))),)
+    )
+    notes = (
+        *unless_named(before, profile.machine.measured_with),
+        *_limits_unstated(held, profile, joints),
+    )
     return (*profile.existing, *zeros, back(before, after, notes))
 
 
 def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
-    """Yield the axes whose joint would leave the travel while the axis is still inside the lattice, which the travel has no room for."""
+    """Yield the axes whose joint would leave the travel while the axis is still inside the lattice,
+    which the travel has no room for."""
     for index, (letter, at) in enumerate(zip("XYZ", held.axes_mm, strict=True)):
         travel = profile.axis(letter).travel_mm
         if travel is None:
             continue
-        joint_mm = np.moveaxis(held.vectors_um[..., index], index, 0).reshape(len(at), -1) / 1000.0 + at[:, None]
+        joint_mm = (
+            np.moveaxis(held.vectors_um[..., index], index, 0).reshape(len(at), -1) / 1000.0
+            + at[:, None]
+        )
         inside = joint_mm[(at >= travel[0]) & (at <= travel[1])]
         if inside.size and (inside.min() < travel[0] or inside.max() > travel[1]):
-            reached = {"low_mm": float(inside.min()), "high_mm": float(inside.max()), "first_mm": travel[0], "last_mm": travel[1]}
-            yield finding("warning", message("beyond-travel.corrected", axis=letter, file=NAME, **reached))
+            reached = {
+                "low_mm": float(inside.min()),
+                "high_mm": float(inside.max()),
+                "first_mm": travel[0],
+                "last_mm": travel[1],
+            }
+            yield finding(
+                "warning", message("beyond-travel.corrected", axis=letter, file=NAME, **reached)
+            )
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
-    """Return what the INI file names for these files, with the limits that its joints have beside them."""
+    """Return what the INI file names for these files, with the limits that its joints have beside
+    them."""
     named = named_by(files, joints, inch=profile.machine.units == "inch", source=profile.source)
     held = next((lattice.parse(file) for file in files if lattice.recognises(file)), None)
     return replace(named, limits=_limits(held, profile, joints))
 
 
-def _limits(held: Lattice | None, profile: Profile, joints: Joints) -> Mapping[int, tuple[float, float]]:
-    """Return the limits of the joints in the machine's unit: the stated travel, widened by the largest correction."""
+def _limits(
+    held: Lattice | None, profile: Profile, joints: Joints
+) -> Mapping[int, tuple[float, float]]:
+    """Return the limits of the joints in the machine's unit: the stated travel, widened by the
+    largest correction."""
     unit = 25.4 if profile.machine.units == "inch" else 1.0
     limits: dict[int, tuple[float, float]] = {}
     for index, letter in enumerate("XYZ"):
         travel = profile.axis(letter).travel_mm
         if travel is not None:
             more = 0.0 if held is None else _largest_mm(held, index)
-            limits |= dict.fromkeys(joints.get(letter, ()), ((travel[0] - more) / unit, (travel[1] + more) / unit))
+            limits |= dict.fromkeys(
+                joints.get(letter, ()), ((travel[0] - more) / unit, (travel[1] + more) / unit)
+            )
     return limits
 
 
 def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterator[str]:
-    """Yield by how much the limits of a joint move, where the profile states no travel to move them from."""
+    """Yield by how much the limits of a joint move, where the profile states no travel to move them
+    from."""
     for index, letter in enumerate("XYZ"):
         if profile.axis(letter).travel_mm is None:
             names = ", ".join(f"[JOINT_{joint}]" for joint in joints.get(letter, ()))
             more = _largest_mm(held, index)
-            yield f"{names}: axes.{letter}.travel_mm is not stated; the lattice needs MIN_LIMIT and MAX_LIMIT {more:.3f} mm further out."
+            yield (
+                f"{names}: axes.{letter}.travel_mm is not stated; the lattice needs MIN_LIMIT "
+                f"and MAX_LIMIT {more:.3f} mm further out."
+            )
 
 
 def _largest_mm(held: Lattice, axis: int) -> float:
@@ -126,14 +172,42 @@ def _largest_mm(held: Lattice, axis: int) -> float:
 def instructions(profile: Profile) -> tuple[str, ...]:
     """Return the steps for the person who maintains the configuration."""
     return (
-        f"Back up the configuration folder. Its unit is {profile.machine.units}; the lattice is in mm and µm, the component converts it.",
-        f"Once for each LinuxCNC version: apt install linuxcnc-uspace-dev, then sudo halcompile --install {SOURCE}.",
+        (
+            f"Back up the configuration folder. Its unit is {profile.machine.units}; the lattice "
+            "is "
+            "in mm and µm, the component converts it."
+        ),
+        (
+            "Once for each LinuxCNC version: apt install linuxcnc-uspace-dev, then sudo halcompile "
+            f"--install {SOURCE}."
+        ),
         f"Copy lattice.csv and {HAL} beside the INI file.",
-        f"Change the INI file as {NAME} says: its KINEMATICS line in the place of the present one, its HALFILE line after the others.",
-        "No COMP_FILE line may stay: the lattice holds the positioning errors too. BACKLASH stays as it is.",
-        "MIN_LIMIT and MAX_LIMIT of [JOINT_n] move out by the largest correction, those of [AXIS_L] stay: see that no switch stands there.",
-        "Start LinuxCNC. It does not start with a damaged lattice: the reason stands in the terminal. Home all axes.",
-        "halcmd show pin stepdiagkins: weight rises to 1, no joint faster than stepdiagkins.slew-um-per-second.",
-        "setp stepdiagkins.enable 0 brings the machine back to where it was, and 1 again; the positions on the screen do not change.",
-        "Measure again; if the residual has grown, change the INI file back as ini_lines_RESTORE.txt says.",
+        (
+            f"Change the INI file as {NAME} says: its KINEMATICS line in the place of the present "
+            "one, its HALFILE line after the others."
+        ),
+        (
+            "No COMP_FILE line may stay: the lattice holds the positioning errors too. BACKLASH "
+            "stays as it is."
+        ),
+        (
+            "MIN_LIMIT and MAX_LIMIT of [JOINT_n] move out by the largest correction, those of "
+            "[AXIS_L] stay: see that no switch stands there."
+        ),
+        (
+            "Start LinuxCNC. It does not start with a damaged lattice: the reason stands in the "
+            "terminal. Home all axes."
+        ),
+        (
+            "halcmd show pin stepdiagkins: weight rises to 1, no joint faster than "
+            "stepdiagkins.slew-um-per-second."
+        ),
+        (
+            "setp stepdiagkins.enable 0 brings the machine back to where it was, and 1 again; the "
+            "positions on the screen do not change."
+        ),
+        (
+            "Measure again; if the residual has grown, change the INI file back as "
+            "ini_lines_RESTORE.txt says."
+        ),
     )

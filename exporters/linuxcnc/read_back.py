@@ -14,7 +14,8 @@ _BEYOND = 1.0
 sides.
 """
 _DWELL_S = 0.5
-"""The reader takes a stop that has lasted 0.25 s; the control lets an offset come in by half of the joint's acceleration."""
+"""The reader takes a stop that has lasted 0.25 s; the control lets an offset come in by half of the
+joint's acceleration."""
 _FEED_MM_MIN = 6000
 
 
@@ -22,12 +23,23 @@ def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFil
     """Return program and reader for the tables of screws; nothing without them."""
     if not screws:
         return ()
-    lines = ["(READ BACK: stops at every row of the COMP_FILEs from both sides; stepdiag_back.py reads what the control adds there)"]
-    lines += ["G21" if unit_mm == 1.0 else "G20", "G17 G40 G49 G61 G90 G94", f"F{_FEED_MM_MIN / unit_mm:g}"]
+    lines = [
+        (
+            "(READ BACK: stops at every row of the COMP_FILEs from both sides; stepdiag_back.py "
+            "reads what the control adds there)"
+        )
+    ]
+    lines += [
+        "G21" if unit_mm == 1.0 else "G20",
+        "G17 G40 G49 G61 G90 G94",
+        f"F{_FEED_MM_MIN / unit_mm:g}",
+    ]
     for letter in dict.fromkeys(table.input_axis for table in screws):
         rows = next(table.position_mm for table in screws if table.input_axis == letter) / unit_mm
         stops = [rows[0] - _BEYOND, *rows, rows[-1] + _BEYOND, *rows[::-1]]
         lines += [line for at in stops for line in (f"G1 {letter}{at:.6f}", f"G4 P{_DWELL_S}")]
     reader = resources("stepdiag.exporters.linuxcnc").joinpath(NAMES[1]).read_bytes()
-    program = ControlFile(name=NAMES[0], data="\n".join([*lines, "M2", ""]).encode("ascii"), role="note")
+    program = ControlFile(
+        name=NAMES[0], data="\n".join([*lines, "M2", ""]).encode("ascii"), role="note"
+    )
     return program, ControlFile(name=NAMES[1], data=reader, role="note")

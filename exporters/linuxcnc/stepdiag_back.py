@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""stepdiag_back: what LinuxCNC adds at every row of its COMP_FILEs, read from HAL while READ_BACK.ngc drives, written as COMP_FILEs.
+"""stepdiag_back: what LinuxCNC adds at every row of its COMP_FILEs, read from HAL while
+READ_BACK.ngc drives, written as COMP_FILEs.
 
     /usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp
 
@@ -45,7 +46,8 @@ class Reader:
         ]
 
     def see(self, now_s: float, commanded: dict[int, float], added: dict[int, float]) -> None:
-        """Take what the joints are commanded to and what is added there; a stop counts once it has lasted."""
+        """Take what the joints are commanded to and what is added there; a stop counts once it has
+        lasted."""
         if any(abs(commanded[joint] - self._last.get(joint, 1e300)) > STIR for joint in commanded):
             self._last, self._still_since, self._taken = dict(commanded), now_s, False
         if self._taken or self._still_since is None or now_s - self._still_since < STILL_S:
@@ -74,7 +76,9 @@ def main(words: list[str]) -> int:
     paths = [Path(word) for word in words[1::2]]
     reader = Reader(
         {
-            joint: [float(line.split()[0]) for line in path.read_text(encoding="ascii").splitlines()]
+            joint: [
+                float(line.split()[0]) for line in path.read_text(encoding="ascii").splitlines()
+            ]
             for joint, path in zip(joints, paths, strict=True)
         }
     )
@@ -82,14 +86,26 @@ def main(words: list[str]) -> int:
     component.ready()
     moved_s, last = time.monotonic(), None
     while reader.missing and time.monotonic() - moved_s < QUIET_S:
-        read = {joint: [hal.get_value(f"joint.{joint}.{pin}") for pin in ("pos-cmd", "motor-pos-cmd", "motor-offset")] for joint in joints}
+        read = {
+            joint: [
+                hal.get_value(f"joint.{joint}.{pin}")
+                for pin in ("pos-cmd", "motor-pos-cmd", "motor-offset")
+            ]
+            for joint in joints
+        }
         now = time.monotonic()
         commanded = {joint: pins[0] for joint, pins in read.items()}
         moved_s, last = (moved_s, last) if commanded == last else (now, commanded)
-        reader.see(now, commanded, {joint: motor - at - offset for joint, (at, motor, offset) in read.items()})
+        reader.see(
+            now,
+            commanded,
+            {joint: motor - at - offset for joint, (at, motor, offset) in read.items()},
+        )
         time.sleep(POLL_S)
     for joint, at, way in reader.missing:
-        sys.stderr.write(f"joint {joint}: no stop at {at:g} from {'below' if way > 0 else 'above'}\n")
+        sys.stderr.write(
+            f"joint {joint}: no stop at {at:g} from {'below' if way > 0 else 'above'}\n"
+        )
     for joint, path in zip(joints, paths, strict=True):
         if not any(each == joint for each, _, _ in reader.missing):
             held = path.with_name(f"held_{path.name}")

@@ -1,9 +1,14 @@
-"""Mitsubishi Meldas/M series: memory-type relative position error compensation, as a list of parameters to be keyed in.
+"""Mitsubishi Meldas/M series: memory-type relative position error compensation, as a list of
+parameters to be keyed in.
 
-C64 and E68 manuals (pp. 280, 379): for each pair of base and compensated axis (#4001, #4002, the next pair 10 higher) the division
-numbers of the reference, the lowest and the highest point (#4003 to #4005), a scale (#4006), the interval (#4007), and data #4101 to
-#5124 of -128 to 127. The data are increments of what is added, read in the + direction: above the reference number n holds the section
-n-1 to n, below it the section n to n+1. Their unit is the output unit times the scale. No transfer format is public.
+C64 and E68 manuals (pp. 280, 379): for each pair of base and compensated axis (#4001, #4002, the
+next pair 10 higher) the division
+numbers of the reference, the lowest and the highest point (#4003 to #4005), a scale (#4006), the
+interval (#4007), and data #4101 to
+#5124 of -128 to 127. The data are increments of what is added, read in the + direction: above the
+reference number n holds the section
+n-1 to n, below it the section n to n+1. Their unit is the output unit times the scale. No transfer
+format is public.
 """
 
 from collections.abc import Iterator, Sequence
@@ -76,7 +81,11 @@ class Mitsubishi:
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
         """Return what -128 to 127 units allow."""
         most = _MOST * table.quantum_um
-        return Limits(neighbour_um=most, slope_um_mm=None) if table.law.data == "incremental" else Limits(value_um=most)
+        return (
+            Limits(neighbour_um=most, slope_um_mm=None)
+            if table.law.data == "incremental"
+            else Limits(value_um=most)
+        )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return a table per curve, with the smallest scale that keeps its data within -128 to
@@ -98,7 +107,9 @@ class Mitsubishi:
             )
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile)))
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
         """Return the list, one ``#number value`` a line."""
         counting = int(profile.options_as(MitsubishiOptions).data == "incremental")
         lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
@@ -110,10 +121,17 @@ class Mitsubishi:
         """Return the tables of such a list."""
         return tuple(table for file in files for table in _read(file, profile))
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in the parameters of the control: every number keeps what was keyed in last, the data of any pair included."""
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
+        """Return the tables in the parameters of the control: every number keeps what was keyed in
+        last, the data of any pair included."""
         values = {number: value for file in (*own, *new) for number, value in _values(file).items()}
-        return tuple(_pairs(", ".join(file.name for file in (*own, *new)), values, profile)) if values else ()
+        return (
+            tuple(_pairs(", ".join(file.name for file in (*own, *new)), values, profile))
+            if values
+            else ()
+        )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own list, and zeros for every pair of axes that it lacks.
@@ -138,14 +156,20 @@ class Mitsubishi:
         unit = profile.options_as(MitsubishiOptions).output_unit_um
         return (
             "Back up all parameters.",
-            f"See that the output unit is {unit:g} µm: the factor 2 of the manual's formulas is taken to mean half a setting unit.",
+            (
+                f"See that the output unit is {unit:g} µm: the factor 2 of the manual's formulas "
+                "is "
+                "taken to mean half a setting unit."
+            ),
             "Key in the list. #4007 is given in mm: enter it in the control's setting unit.",
             "Switch off and on, return to the reference point.",
             "Sign test first. Measure again; if the residual has grown, key in the restore list.",
         )
 
 
-def _planned(curve: Curve, profile: Profile, options: MitsubishiOptions, first: int, pair: int) -> Table:
+def _planned(
+    curve: Curve, profile: Profile, options: MitsubishiOptions, first: int, pair: int
+) -> Table:
     grid, error, _ = sampled_um(curve, averaging(profile))
     reference_mm = profile.axis(curve.input_axis).reference_mm
     origin = int(np.argmin(np.abs(grid - reference_mm)))
@@ -165,7 +189,9 @@ def _planned(curve: Curve, profile: Profile, options: MitsubishiOptions, first: 
         input_axis=curve.input_axis,
         output_axis=curve.output_axis,
         position_mm=grid,
-        value_um=np.diff(absolute, prepend=absolute[0]) if options.data == "incremental" else absolute,
+        value_um=np.diff(absolute, prepend=absolute[0])
+        if options.data == "incremental"
+        else absolute,
         quantum_um=unit_um,
         law=_law(options),
         reference_mm=reference_mm,
@@ -179,7 +205,8 @@ def _data_numbers(table: Table) -> range:
 
 
 def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile) -> None:
-    """Refuse a new pair over data of an own pair of another number: keyed back, they would act for both."""
+    """Refuse a new pair over data of an own pair of another number: keyed back, they would act for
+    both."""
     pairs = {table.place["pair"] for table in own}
     for table in new:
         if table.place["pair"] in pairs:
@@ -200,7 +227,8 @@ def _law(options: MitsubishiOptions) -> Law:
 
 
 def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
-    """Return the smallest #4006 with which every datum fits; the absolute curve is quantised once, then differenced."""
+    """Return the smallest #4006 with which every datum fits; the absolute curve is quantised once,
+    then differenced."""
     for scale in range(1, _MOST_SCALE + 1):
         units = np.round(absolute_um / (options.output_unit_um * scale))
         data = np.diff(units) if options.data == "incremental" else units
@@ -224,7 +252,9 @@ def _lines(table: Table, profile: Profile) -> list[str]:
     base = 4000 + 10 * (int(table.place["pair"]) - 1)
     first, count = int(table.place["first data"]), len(table.position_mm)
     origin = int(np.argmin(np.abs(table.position_mm - table.reference_mm)))
-    data = _shifted([round(float(value) / table.quantum_um) for value in table.value_um], origin, table)
+    data = _shifted(
+        [round(float(value) / table.quantum_um) for value in table.value_um], origin, table
+    )
     head = (
         ("cmpax", profile.axis(table.input_axis).name),
         ("drcax", profile.axis(table.output_axis).name),
@@ -242,7 +272,8 @@ def _lines(table: Table, profile: Profile) -> list[str]:
 
 
 def _shifted(units: Sequence[int], origin: int, table: Table) -> list[int]:
-    """Return the data in the control's places: below the reference a number holds the section above it."""
+    """Return the data in the control's places: below the reference a number holds the section above
+    it."""
     if table.law.data == "absolute":
         return list(units)
     return [*units[1 : origin + 1], 0, *units[origin + 1 :]]
@@ -275,7 +306,9 @@ def _values(file: ControlFile) -> dict[int, _Value]:
             raise DataError(where, expected=message("number-value"), found=repr(line))
         values[whole(words[0][1:], where)] = _Value(words[1], where)
     if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
-        raise DataError(file.name, expected=message("head-of-data-list"), found=message("nothing-like"))
+        raise DataError(
+            file.name, expected=message("head-of-data-list"), found=message("nothing-like")
+        )
     return values
 
 
@@ -285,24 +318,46 @@ def _pairs(source: str, values: dict[int, _Value], profile: Profile) -> Iterator
             yield _read_pair(source, values, base, pair + 1, profile)
 
 
-def _read_pair(source: str, values: dict[int, _Value], base: int, pair: int, profile: Profile) -> Table:
+def _read_pair(
+    source: str, values: dict[int, _Value], base: int, pair: int, profile: Profile
+) -> Table:
     options = profile.options_as(MitsubishiOptions)
-    missing = [f"#{base + index} {word}" for index, word in enumerate(_HEAD) if index and base + index not in values]
+    missing = [
+        f"#{base + index} {word}"
+        for index, word in enumerate(_HEAD)
+        if index and base + index not in values
+    ]
     if missing:
-        raise DataError(source, expected=", ".join(missing), found=message("nothing"), remedy=message("list-cut"))
+        raise DataError(
+            source,
+            expected=", ".join(missing),
+            found=message("nothing"),
+            remedy=message("list-cut"),
+        )
     data_form = values[4000]
     if data_form.whole() != int(options.data == "incremental"):
-        raise DataError(data_form.where, expected=message("4000-for", count=options.data), found=data_form.text)
+        raise DataError(
+            data_form.where, expected=message("4000-for", count=options.data), found=data_form.text
+        )
     base_axis, moved_axis = (profile.letter_of(*values[base + index]) for index in (1, 2))
     origin, first, last, scale = (values[base + index].whole() for index in (3, 4, 5, 6))
     interval = values[base + 7]
     step = finite(*interval)
-    if not (_FIRST_DATA <= first <= origin <= last <= _LAST_DATA and first < last and step > 0 and 0 < scale <= _MOST_SCALE):
-        expected = message("mitsubishi-order", first=_FIRST_DATA, last=_LAST_DATA, scale=_MOST_SCALE)
+    if not (
+        _FIRST_DATA <= first <= origin <= last <= _LAST_DATA
+        and first < last
+        and step > 0
+        and 0 < scale <= _MOST_SCALE
+    ):
+        expected = message(
+            "mitsubishi-order", first=_FIRST_DATA, last=_LAST_DATA, scale=_MOST_SCALE
+        )
         raise DataError(
             values[base + 3].where,
             expected=expected,
-            found=message("scale-interval", first=first, origin=origin, last=last, scale=scale, step=step),
+            found=message(
+                "scale-interval", first=first, origin=origin, last=last, scale=scale, step=step
+            ),
         )
     absent = [number for number in range(first, last + 1) if number not in values]
     if absent:

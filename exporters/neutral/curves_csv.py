@@ -1,7 +1,9 @@
-"""Curves as CSV for anything that is not a controller of the registry: the error itself, in um, in machine coordinates.
+"""Curves as CSV for anything that is not a controller of the registry: the error itself, in um, in
+machine coordinates.
 
-The one form without a control's law: the numbers are ``e = actual - commanded`` relative to the reference position. Read back, they are
-applied as error, which is what a person who types them into a control has to bring about.
+The one form without a control's law: the numbers are ``e = actual - commanded`` relative to the
+reference position. Read back, they are applied as error, which is what a person who types them into
+a control has to bring about.
 """
 
 from collections.abc import Sequence
@@ -53,11 +55,20 @@ class Neutral:
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return every curve on the profile's grid, to a nanometre."""
         quantum_um = 10.0**-_DECIMALS
-        planned = [absolute_tables(curve, profile, kind=KIND, law=LAW, quantum_um=quantum_um, place={}) for curve in curves]
+        planned = [
+            absolute_tables(curve, profile, kind=KIND, law=LAW, quantum_um=quantum_um, place={})
+            for curve in curves
+        ]
         return Plan(tables=tuple(table for tables in planned for table in tables))
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:  # noqa: ARG002 - a CSV has no comments
-        """Return ``curves.csv``; ``direction`` is 1 or -1 for travel of the input axis in + or -, 0 for both."""
+    def render(
+        self,
+        tables: Sequence[Table],
+        profile: Profile,  # noqa: ARG002
+        notes: Sequence[str] = (),  # noqa: ARG002
+    ) -> tuple[ControlFile, ...]:
+        """Return ``curves.csv``; ``direction`` is 1 or -1 for travel of the input axis in + or -, 0
+        for both."""
         rows = [
             f"{table.name},{table.direction},{shortest(float(at))},{fixed(float(value), _DECIMALS)}"
             for table in tables
@@ -69,7 +80,9 @@ class Neutral:
         """Return the curves in the files."""
         return tuple(table for file in files for table in _tables(file, profile))
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the curves of the later file: they stand for a compensation as a whole."""
         return self.parse(new or own, profile)
 
@@ -88,26 +101,50 @@ class Neutral:
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return the notes for carrying the numbers into a control by hand."""
         return (
-            "The numbers are errors: positive where the output axis went too far in its + direction.",
-            "A control that adds its table to the command needs them with the opposite sign; one that subtracts it takes them as they are.",
-            "Try a small bump first (sign test), save the old table, and measure again after loading.",
+            (
+                "The numbers are errors: positive where the output axis went too far in its + "
+                "direction."
+            ),
+            (
+                "A control that adds its table to the command needs them with the opposite sign; "
+                "one "
+                "that subtracts it takes them as they are."
+            ),
+            (
+                "Try a small bump first (sign test), save the old table, and measure again after "
+                "loading."
+            ),
         )
 
 
 def _tables(file: ControlFile, profile: Profile) -> list[Table]:
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=message("header-of-words", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
+        raise DataError(
+            file.name,
+            expected=message("header-of-words", words=HEADER),
+            found=lines[0][1] if lines else message("empty-file"),
+        )
     if lines[-1][1] != "end,,,":
-        raise DataError(file.name, expected=message("last-row-end"), found=lines[-1][1], remedy=message("file-truncated"))
+        raise DataError(
+            file.name,
+            expected=message("last-row-end"),
+            found=lines[-1][1],
+            remedy=message("file-truncated"),
+        )
     groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for where, line in lines[1:-1]:
         name, direction, at, value = _row(where, line)
         points = groups.setdefault((name, direction), [])
         if points and at <= points[-1][0]:
-            raise DataError(where, expected=message("position-above", points=points[-1][0]), found=f"{at:g}")
+            raise DataError(
+                where, expected=message("position-above", points=points[-1][0]), found=f"{at:g}"
+            )
         points.append((at, value))
-    return [_table(name, direction, np.array(points), profile, file.name) for (name, direction), points in groups.items()]
+    return [
+        _table(name, direction, np.array(points), profile, file.name)
+        for (name, direction), points in groups.items()
+    ]
 
 
 def _row(where: str, line: str) -> tuple[str, int, float, float]:
@@ -117,9 +154,17 @@ def _row(where: str, line: str) -> tuple[str, int, float, float]:
     return cells[0], int(cells[1]), finite(cells[2], where), finite(cells[3], where)
 
 
-def _table(name: str, direction: int, points: np.ndarray[tuple[int, int], np.dtype[np.float64]], profile: Profile, source: str) -> Table:
+def _table(
+    name: str,
+    direction: int,
+    points: np.ndarray[tuple[int, int], np.dtype[np.float64]],
+    profile: Profile,
+    source: str,
+) -> Table:
     if len(points) < 2:
-        raise DataError(f"{source}: {name}", expected=message("at-least-two-points"), found=str(len(points)))
+        raise DataError(
+            f"{source}: {name}", expected=message("at-least-two-points"), found=str(len(points))
+        )
     return Table(
         kind=KIND,
         input_axis=name[2],

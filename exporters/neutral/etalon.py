@@ -1,4 +1,5 @@
-"""Etalon Exchange: all functions of a result as text, a way into other software for volumetric compensation and back.
+"""Etalon Exchange: all functions of a result as text, a way into other software for volumetric
+compensation and back.
 
 TF5280, 296430091 of infosys.beckhoff.com and the same page of isg-stuttgart.de: a block begins with
 the ISO 230-1 name in square brackets, a position error has ``VALUE = number``, a function
@@ -16,7 +17,15 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import excerpt, message
-from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.base.result.result import (
+    DISPLACEMENTS,
+    ROTATIONS,
+    SQUARENESS,
+    Function,
+    Quantity,
+    Result,
+    Scale,
+)
 from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
@@ -32,9 +41,15 @@ _DECIMALS = 9
 
 
 def render(result: Result) -> ControlFile:
-    """Return the file with every function and squareness that the result identifies; levers count from the zero of the axes."""
+    """Return the file with every function and squareness that the result identifies; levers count
+    from the zero of the axes."""
     mask, origin = abbe_mask(result.chain), np.asarray(result.volume.origin_mm)
-    lines = [f"// stepdiag, chain {result.chain}: actual minus commanded, mm and rad, levers of angles from the zero of the axes"]
+    lines = [
+        (
+            f"// stepdiag, chain {result.chain}: actual minus commanded, mm and rad, levers of "
+            "angles from the zero of the axes"
+        )
+    ]
     for name in SQUARENESS:
         value = result.squareness[name].value
         lines += [] if value is None else [f"[{name}]", f"VALUE = {value * 1e-6:.{_DECIMALS}f}"]
@@ -42,15 +57,23 @@ def render(result: Result) -> ControlFile:
         function = result.errors.get(name)
         if function is None or function.value is None:
             continue
-        values = function.value * 1e-6 if name in ROTATIONS else 1e-3 * (function.value - _lever_um(result, name, mask, origin))
+        values = (
+            function.value * 1e-6
+            if name in ROTATIONS
+            else 1e-3 * (function.value - _lever_um(result, name, mask, origin))
+        )
         lines += [f"[{name}]", "Gridpoints = {"]
-        lines += [f"{shortest(float(at))} {value:.{_DECIMALS}f}" for at, value in zip(function.position_mm, values, strict=True)]
+        lines += [
+            f"{shortest(float(at))} {value:.{_DECIMALS}f}"
+            for at, value in zip(function.position_mm, values, strict=True)
+        ]
         lines.append(f"}} // end of {name}")
     return ControlFile(name=FILE_NAME, data=ascii_lines(lines))
 
 
 def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector:
-    """Return what the angles of an axis do to one displacement function by the lever of the measured corner, in um at its positions."""
+    """Return what the angles of an axis do to one displacement function by the lever of the
+    measured corner, in um at its positions."""
     axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
     at = result.errors[name].position_mm
     turns = np.column_stack([_at(result.errors.get(f"E{turn}{name[2]}"), at) for turn in "ABC"])
@@ -60,11 +83,16 @@ def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector
 
 def _at(function: Function | None, at: Vector) -> Vector:
     known = function is not None and function.value is not None
-    return np.interp(at, function.position_mm, function.value) if known and function is not None else np.zeros(at.shape)  # type: ignore[arg-type]
+    return (
+        np.interp(at, function.position_mm, function.value)  # type: ignore[arg-type]
+        if known and function is not None
+        else np.zeros(at.shape)
+    )
 
 
 def parse(file: ControlFile, chain: str) -> Result:
-    """Return the result in a file, for a machine of this chain, with functions and squareness as contract 4 has them.
+    """Return the result in a file, for a machine of this chain, with functions and squareness as
+    contract 4 has them.
 
     The volume follows from the three positioning functions. Slopes of the functions go into the
     squareness, angles count from their first position. Raises ``DataError`` with the line for any
@@ -74,24 +102,43 @@ def parse(file: ControlFile, chain: str) -> Result:
     values, functions = _read(file)
     missing = [name for name in ("EXX", "EYY", "EZZ") if name not in functions]
     if missing:
-        raise DataError(file.name, expected=message("functions-exx-eyy-and"), found="no " + ", ".join(missing))
+        raise DataError(
+            file.name, expected=message("functions-exx-eyy-and"), found="no " + ", ".join(missing)
+        )
     volume = _volume(functions, file.name)
     origin = np.asarray(volume.origin_mm)
-    linear = np.zeros((3, 3))  # um of displacement (row) for a mm of travel (column), levers of first angles and slopes together
+    linear = np.zeros(
+        (3, 3)
+        # um of displacement (row) for a mm of travel (column), levers of first angles and slopes
+        # together
+    )
     errors: dict[str, Function] = {}
     for axis, letter in enumerate("XYZ"):
-        turns = {turn: functions[f"E{turn}{letter}"] for turn in "ABC" if f"E{turn}{letter}" in functions}
+        turns = {
+            turn: functions[f"E{turn}{letter}"] for turn in "ABC" if f"E{turn}{letter}" in functions
+        }
         first = np.array([turns[turn][0, 1] * 1e6 if turn in turns else 0.0 for turn in "ABC"])
         linear += cross_matrix(first) @ np.diag(mask[axis]) * 1e-3
         for component, word in enumerate("XYZ"):
             rows = functions.get(f"E{word}{letter}")
             if rows is not None:
-                angles = np.column_stack([np.interp(rows[:, 0], *turns[t].T) * 1e6 if t in turns else 0.0 * rows[:, 0] for t in "ABC"])
-                moved = rows[:, 1] * 1e3 + np.cross(angles, mask[axis] * origin)[:, component] * 1e-3
-                errors[f"E{word}{letter}"], slope = _function(rows[:, 0], moved, straight=component != axis)
+                angles = np.column_stack(
+                    [
+                        np.interp(rows[:, 0], *turns[t].T) * 1e6 if t in turns else 0.0 * rows[:, 0]
+                        for t in "ABC"
+                    ]
+                )
+                moved = (
+                    rows[:, 1] * 1e3 + np.cross(angles, mask[axis] * origin)[:, component] * 1e-3
+                )
+                errors[f"E{word}{letter}"], slope = _function(
+                    rows[:, 0], moved, straight=component != axis
+                )
                 linear[component, axis] += slope
         for turn, rows in turns.items():
-            errors[f"E{turn}{letter}"] = Function(position_mm=rows[:, 0], value=(rows[:, 1] - rows[0, 1]) * 1e6, u=None, unit="urad")
+            errors[f"E{turn}{letter}"] = Function(
+                position_mm=rows[:, 0], value=(rows[:, 1] - rows[0, 1]) * 1e6, u=None, unit="urad"
+            )
     return Result(
         volume=volume,
         chain=chain,
@@ -106,21 +153,29 @@ def parse(file: ControlFile, chain: str) -> Result:
 
 
 def _function(at: Vector, value_um: Vector, *, straight: bool) -> tuple[Function, float]:
-    """Return a displacement function from zero, and the slope in um per mm that a straightness function gives away."""
+    """Return a displacement function from zero, and the slope in um per mm that a straightness
+    function gives away."""
     value = value_um - value_um[0]
     slope = float(value[-1] / (at[-1] - at[0])) if straight else 0.0
     return Function(position_mm=at, value=value - slope * (at - at[0]), u=None, unit="um"), slope
 
 
 def _unknown(volume: Volume, name: str) -> Function:
-    return Function(position_mm=volume.nodes_mm("XYZ".index(name[2])), value=None, u=None, unit="um")
+    return Function(
+        position_mm=volume.nodes_mm("XYZ".index(name[2])), value=None, u=None, unit="um"
+    )
 
 
 def _squareness(values: Mapping[str, float], linear: Vector) -> dict[str, Quantity]:
-    """Return the squarenesses: as written, and what the two linear displacements of each pair of axes add (contract 1)."""
+    """Return the squarenesses: as written, and what the two linear displacements of each pair of
+    axes add (contract 1)."""
     pairs = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
     return {
-        name: Quantity(value=values.get(name, 0.0) * 1e6 + sign * 1e3 * float(linear[one, other] + linear[other, one]), u=None)
+        name: Quantity(
+            value=values.get(name, 0.0) * 1e6
+            + sign * 1e3 * float(linear[one, other] + linear[other, one]),
+            u=None,
+        )
         for name, (one, other, sign) in pairs.items()
     }
 
@@ -131,7 +186,11 @@ def _volume(functions: Mapping[str, Vector], where: str) -> Volume:
     increments = min(len(axes[0]) - 1, MOST_INCREMENTS)
     if min(sizes) <= 0:
         raise DataError(where, expected=message("positions-rise"), found=message("none"))
-    return Volume(origin_mm=tuple(float(at[0]) for at in axes), size_mm=sizes, increments=increments)  # type: ignore[arg-type]
+    return Volume(
+        origin_mm=tuple(float(at[0]) for at in axes),  # type: ignore[arg-type]
+        size_mm=sizes,  # type: ignore[arg-type]
+        increments=increments,
+    )
 
 
 def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
@@ -143,7 +202,11 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     for where, line in _lines(file):
         if (block := _BLOCK.match(line)) and rows is None:
             name = block[1]
-            if name in values or name in functions or name not in (*SQUARENESS, *DISPLACEMENTS, *ROTATIONS):
+            if (
+                name in values
+                or name in functions
+                or name not in (*SQUARENESS, *DISPLACEMENTS, *ROTATIONS)
+            ):
                 raise DataError(where, expected=message("function-or-squareness-three"), found=line)
         elif name and rows is None and (value := _VALUE.match(line)):
             values[name] = finite(value[1], where)
@@ -151,15 +214,26 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
             rows = []
         elif rows is not None and line == "}":
             if len(rows) < 2 or np.any(np.diff(np.array(rows)[:, 0]) <= 0):
-                raise DataError(where, expected=message("two-rising"), found=message("count-rows", count=len(rows)))
+                raise DataError(
+                    where,
+                    expected=message("two-rising"),
+                    found=message("count-rows", count=len(rows)),
+                )
             functions[name] = np.array(rows)
             rows = None
         elif rows is not None and len(line.split()) == 2:
             rows.append([finite(cell, where) for cell in line.split()])
         else:
-            raise DataError(where, expected=message("block-etalon-exchange-format"), found=excerpt(line))
+            raise DataError(
+                where, expected=message("block-etalon-exchange-format"), found=excerpt(line)
+            )
     if rows is not None or not functions:
-        raise DataError(file.name, expected=message("whole-blocks"), found=message("no-end"), remedy=message("file-truncated"))
+        raise DataError(
+            file.name,
+            expected=message("whole-blocks"),
+            found=message("no-end"),
+            remedy=message("file-truncated"),
+        )
     return values, functions
 
 

@@ -40,7 +40,11 @@ class _Common(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
 
 
 def parse_profile(
-    text: str, source: str, controller: Controller, volume: Volume | None, files: Mapping[str, bytes] | None = None
+    text: str,
+    source: str,
+    controller: Controller,
+    volume: Volume | None,
+    files: Mapping[str, bytes] | None = None,
 ) -> Profile:
     """Return the profile in a TOML text; ``files`` holds the bytes of the files in
     ``machine.existing``.
@@ -57,13 +61,17 @@ def parse_profile(
     _refuse_unknown_kinds(common.sign_test, controller, source)
     return Profile(
         machine=common.machine,
-        axes={letter: _ends_from(common.axes[letter], volume, index) for index, letter in enumerate(AXIS_LETTERS) if letter in common.axes},
+        axes={
+            letter: _ends_from(common.axes[letter], volume, index)
+            for index, letter in enumerate(AXIS_LETTERS)
+            if letter in common.axes
+        },
         limits=common.limits,
         sign_tests=tuple(common.sign_test),
         options=convert(section, controller.options, source, controller.name),
         existing=_existing(common.machine, files or {}, source),
         source=source,
-    )  # fmt: skip
+    )
 
 
 def load_profile(path: Path, controller: Controller, volume: Volume | None) -> Profile:
@@ -76,7 +84,11 @@ def load_profile(path: Path, controller: Controller, volume: Volume | None) -> P
     field = f"{path.name}: machine.existing"
     files = {
         name: read_bytes(
-            path.parent / name, field, largest=LARGEST_TABLE_BYTES, expected=message("readable-file-of", name=name), blame=UsageError
+            path.parent / name,
+            field,
+            largest=LARGEST_TABLE_BYTES,
+            expected=message("readable-file-of", name=name),
+            blame=UsageError,
         )
         for name in (named[:MOST_EXISTING] if isinstance(named, list) else [])
         if isinstance(name, str)
@@ -88,12 +100,17 @@ def read_profile_text(path: Path) -> str:
     """Return the text of a profile file. Raises ``UsageError`` for a file that is unreadable, too
     large, or not UTF-8.
     """
-    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected=message("readable-profile"), blame=UsageError)
+    data = read_bytes(
+        path, largest=LARGEST_SETTINGS_BYTES, expected=message("readable-profile"), blame=UsageError
+    )
     return as_text(data, str(path), UsageError)
 
 
-def quick_profile(controller: Controller, volume: Volume, step_mm: float | Sequence[float] | None = None) -> Profile:
-    """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end.
+def quick_profile(
+    controller: Controller, volume: Volume, step_mm: float | Sequence[float] | None = None
+) -> Profile:
+    """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps,
+    reference at the low end.
 
     ``step_mm`` is the step of all axes or one per axis, without it the steps of the volume. An axis
     that did not travel has no table.
@@ -112,7 +129,12 @@ def quick_profile(controller: Controller, volume: Volume, step_mm: float | Seque
     }
     functions = [name for name in FUNCTIONS if name[-1] in axes]
     return Profile(
-        machine=MachineSection(name="machine without a profile", controller=controller.name, measured_with="off", functions=functions),
+        machine=MachineSection(
+            name="machine without a profile",
+            controller=controller.name,
+            measured_with="off",
+            functions=functions,
+        ),
         axes=axes,
         limits=LimitsSection(),
         sign_tests=(),
@@ -123,18 +145,30 @@ def quick_profile(controller: Controller, volume: Volume, step_mm: float | Seque
 
 
 def _refuse_unknown_sections(tables: dict[str, Any], controller: Controller, source: str) -> None:
-    """Refuse a foreign top-level table by the nearest name; another controller's section means another controller's profile."""
+    """Refuse a foreign top-level table by the nearest name; another controller's section means
+    another controller's profile."""
     machine = tables.get("machine", {})
-    named = machine.get("controller", controller.name) if isinstance(machine, dict) else controller.name
+    named = (
+        machine.get("controller", controller.name) if isinstance(machine, dict) else controller.name
+    )
     if named != controller.name:
-        raise UsageError(f"{source}: machine.controller", expected=controller.name, found=str(named))
+        raise UsageError(
+            f"{source}: machine.controller", expected=controller.name, found=str(named)
+        )
     known = ["machine", "axes", "limits", "sign_test", PROGRAM, controller.name]
     for key in tables:
         if key not in known:
-            raise UsageError(f"{source}: {key}", expected=message("known-section"), found=key, remedy=nearest(key, known))
+            raise UsageError(
+                f"{source}: {key}",
+                expected=message("known-section"),
+                found=key,
+                remedy=nearest(key, known),
+            )
 
 
-def _refuse_unknown_kinds(records: Sequence[SignTestRecord], controller: Controller, source: str) -> None:
+def _refuse_unknown_kinds(
+    records: Sequence[SignTestRecord], controller: Controller, source: str
+) -> None:
     """Refuse a sign test of a kind of table that the control lacks: it would be evidence for
     nothing, unseen.
     """
@@ -161,13 +195,19 @@ def _ends_from(axis: AxisSection, volume: Volume | None, index: int) -> AxisSect
     )
 
 
-def _existing(machine: MachineSection, files: Mapping[str, bytes], source: str) -> tuple[ControlFile, ...]:
+def _existing(
+    machine: MachineSection, files: Mapping[str, bytes], source: str
+) -> tuple[ControlFile, ...]:
     """Return the named files; the export of a result checks that they were active during the
     measurement.
     """
     missing = [name for name in machine.existing if name not in files]
     if missing:
-        raise UsageError(f"{source}: machine.existing", expected=message("files-readable"), found=", ".join(missing))
+        raise UsageError(
+            f"{source}: machine.existing",
+            expected=message("files-readable"),
+            found=", ".join(missing),
+        )
     if machine.measured_with == "on" and not machine.existing:
         raise SafetyError(
             f"{source}: machine.existing",

@@ -27,11 +27,18 @@ _ALL: tuple[Controller, ...] = (
     Neutral(),
 )
 
-CONTROLLERS: Mapping[str, Controller] = MappingProxyType({controller.name: controller for controller in _ALL})
+CONTROLLERS: Mapping[str, Controller] = MappingProxyType(
+    {controller.name: controller for controller in _ALL}
+)
 
 
 def controller_named(name: str) -> Controller:
     """Return the controller called ``name``. Raises ``UsageError`` with the nearest name."""
     if name not in CONTROLLERS:
-        raise UsageError("--controller", expected=message("known-controller"), found=name, remedy=nearest(name, list(CONTROLLERS)))
+        raise UsageError(
+            "--controller",
+            expected=message("known-controller"),
+            found=name,
+            remedy=nearest(name, list(CONTROLLERS)),
+        )
     return CONTROLLERS[name]

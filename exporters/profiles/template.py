@@ -1,4 +1,5 @@
-"""The commented profile that ``stepdiag profile C`` writes: every field, its meaning, its default; ``"?"`` is a question."""
+"""The commented profile that ``stepdiag profile C`` writes: every field, its meaning, its default;
+``"?"`` is a question."""
 
 from stepdiag.exporters.programs import CONTROLS, default_decimals, default_signals
 from stepdiag.exporters.programs.settings import program_template
@@ -79,11 +80,18 @@ def profile_template(controller: Controller) -> str:
         name=controller.name,
         functions=", ".join(f'"{name}"' for name in FUNCTIONS),
         axes="".join(_AXIS.format(letter=letter) for letter in "XYZ"),
-        kind_line=f'# kind = "{controller.kinds[0]}"'.ljust(30) + "# the table that was tried: " + " or ".join(controller.kinds),
+        kind_line=f'# kind = "{controller.kinds[0]}"'.ljust(30)
+        + "# the table that was tried: "
+        + " or ".join(controller.kinds),
     )
     return common + controller.options_template + _program(controller.name)
 
 
 def _program(control: str) -> str:
-    """Return the section about NC programs for a control that `exporters.programs` can write for."""
-    return program_template(default_signals(control), default_decimals(control)) if control in CONTROLS else ""
+    """Return the section about NC programs for a control that `exporters.programs` can write
+    for."""
+    return (
+        program_template(default_signals(control), default_decimals(control))
+        if control in CONTROLS
+        else ""
+    )

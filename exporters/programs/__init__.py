@@ -8,7 +8,14 @@ into the Modbus block of contract 2.
 """
 
 from stepdiag.exporters.programs.linuxcnc import companion_files
-from stepdiag.exporters.programs.programs import CONTROLS, Program, default_decimals, default_signals, nc_programs, program_name
+from stepdiag.exporters.programs.programs import (
+    CONTROLS,
+    Program,
+    default_decimals,
+    default_signals,
+    nc_programs,
+    program_name,
+)
 from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of
 from stepdiag.exporters.programs.signals import Signals
 

@@ -19,7 +19,8 @@ from stepdiag.exporters.programs.signals import Signals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One program to write: a setup of a sequence, its number for the control, and the machine's signals."""
+    """One program to write: a setup of a sequence, its number for the control, and the machine's
+    signals."""
 
     sequence: Sequence
     setup: str
@@ -43,7 +44,8 @@ class Job:
 
     @property
     def program_number(self) -> int:
-        """Return 8000 + the setup number, where each beam offset adds a hundred; 7000 + k for the k-th setup of the plan."""
+        """Return 8000 + the setup number, where each beam offset adds a hundred; 7000 + k for the
+        k-th setup of the plan."""
         if self.register > CODED_FROM:
             return 7000 + self.register - CODED_FROM
         return 8000 + self.register + 100 * setup_of(self.setup).shift
@@ -79,15 +81,18 @@ class Dialect(ABC):
 
     @abstractmethod
     def start(self) -> list[str]:
-        """Return the safe start: known modes, no offset or transformation left active, and a halt until the operator agrees."""
+        """Return the safe start: known modes, no offset or transformation left active, and a halt
+        until the operator agrees."""
 
     @abstractmethod
     def ask(self, text: str) -> list[str]:
-        """Return the halt with a text for the operator, who starts the program on; ``text`` is ASCII without brackets."""
+        """Return the halt with a text for the operator, who starts the program on; ``text`` is
+        ASCII without brackets."""
 
     @abstractmethod
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a straight move in machine coordinates at measuring feed that ends in an exact stop."""
+        """Return a straight move in machine coordinates at measuring feed that ends in an exact
+        stop."""
 
     @abstractmethod
     def dwell(self, seconds: str) -> list[str]:
@@ -111,7 +116,9 @@ class Dialect(ABC):
 
     def _framed(self, job: Job, blocks: list[str]) -> list[str]:
         stem = self.file_name(job).partition(".")[0]
-        first, last = ([line.format(stem=stem) for line in lines] for lines in (self.opening, self.closing))
+        first, last = (
+            [line.format(stem=stem) for line in lines] for lines in (self.opening, self.closing)
+        )
         lines = [*first, *blocks, *last]
         return [f"{number} {line}" for number, line in enumerate(lines)] if self.numbered else lines
 
@@ -121,19 +128,32 @@ class Dialect(ABC):
         orders = " ".join(dict.fromkeys(sequence.axis_orders or (sequence.axis_order,)))
         order = f", axis order {orders}" if setup_of(job.setup).kind in ("step", "face") else ""
         yield f"stepdiag survey {_ascii(sequence.name)}: setup {_spoken(job.setup)}{order}"
-        yield f"{job.sequence.volume.increments} increments, feed {plain(sequence.feed_mm_min)} mm/min, dwell {plain(sequence.dwell_s)} s"
+        yield (
+            f"{job.sequence.volume.increments} increments, feed {plain(sequence.feed_mm_min)} "
+            f"mm/min, dwell {plain(sequence.dwell_s)} s"
+        )
         yield "machine coordinates, travel in mm with overrun:"
         for name, least, most in zip(AXES, low, high, strict=True):
-            yield f"  {name} from {plain(round(least, job.decimals))} to {plain(round(most, job.decimals))}"
+            yield (
+                f"  {name} from {plain(round(least, job.decimals))} to "
+                f"{plain(round(most, job.decimals))}"
+            )
         yield "the first move goes straight from where the axes stand to the first point"
         yield f"the plc shows setup {job.register} while this runs, 0 at the end"
         if any(each.jogs for each in passes_of(sequence, job.setup)):
-            yield "this run commissions the head: the other axes are jogged at both ends, the operator is asked to wobble and to block"
+            yield (
+                "this run commissions the head: the other axes are jogged at both ends, the "
+                "operator is asked to wobble and to block"
+            )
         if sequence.handshake:
             yield "handshake: every stop is held until the plc shows its counter as captured"
         yield from self.checked
         yield "not yet proven on this machine: first run in single block, feed override low"
-        yield from self.needs if job.signals == self.signals else ("signals to the plc as the profile of this machine states them",)
+        yield from (
+            self.needs
+            if job.signals == self.signals
+            else ("signals to the plc as the profile of this machine states them",)
+        )
 
     def _pass_blocks(self, job: Job, each: Pass, passes: tuple[Pass, ...]) -> Iterator[str]:
         way = "outward" if each.outward else "return"
@@ -155,7 +175,10 @@ class Dialect(ABC):
 
     def _stop_blocks(self, job: Job, each: Pass, stop: Stop) -> Iterator[str]:
         axis = f"{stop.axis} moves" if stop.axis else "first stop"
-        yield self.comment(f"{_spoken(job.setup)} pass {each.number} stop {stop.stop} of {len(each.stops) - 1}: {axis}")
+        yield self.comment(
+            f"{_spoken(job.setup)} pass {each.number} stop {stop.stop} of {len(each.stops) - 1}: "
+            f"{axis}"
+        )
         yield self._moved(job, stop.position_mm)
         yield from job.signals.blocks("stand", setup=job.register, count=stop.count)
         yield from self.dwell(self.number(job.sequence.dwell_s))
@@ -175,7 +198,8 @@ def plain(value: float) -> str:
 
 
 def _check_increment(job: Job) -> None:
-    """Raise ``UsageError`` where a commanded position is no multiple of the control's input increment.
+    """Raise ``UsageError`` where a commanded position is no multiple of the control's input
+    increment.
 
     A control rounds such a position, and the stop is then beside the solver's place.
     """
@@ -199,4 +223,7 @@ def _spoken(setup: str) -> str:
 
 def _ascii(text: str) -> str:
     """Return what a comment may hold of a survey's name."""
-    return "".join(letter if letter.isascii() and (letter.isalnum() or letter in " .-_") else "_" for letter in text)
+    return "".join(
+        letter if letter.isascii() and (letter.isalnum() or letter in " .-_") else "_"
+        for letter in text
+    )

@@ -7,8 +7,9 @@ from stepdiag.exporters.programs.signals import Signals
 class Fanuc(Dialect):
     """ISO code with macro statements.
 
-    ``G53`` alone on a block holds the macro statements behind it back until the axes have arrived: macro statements
-    are otherwise carried out as soon as they are read ahead (B-63614EN/01, p. 322). ``G09`` ends the move in an exact stop.
+    ``G53`` alone on a block holds the macro statements behind it back until the axes have arrived:
+    macro statements are otherwise carried out as soon as they are read ahead (B-63614EN/01, p.
+    322). ``G09`` ends the move in an exact stop.
     """
 
     control = "fanuc"
@@ -26,13 +27,22 @@ class Fanuc(Dialect):
         "plc: 1100 bit 0 is stopped. gate it with the in-position signals",
         "plc: 1133 upper 16 bits are the setup, lower 16 bits the stop counter",
         "plc: 1032 is the captured counter, only with handshake",
-        "recalled, check in the connection manual: 1133 is a free 32 bit output, 5201 and 5221 are the EXT and G54 offsets",
+        (
+            "recalled, check in the connection manual: 1133 is a free 32 bit output, 5201 and 5221 "
+            "are the EXT and G54 offsets"
+        ),
     )
 
     checked = (
-        "before the first move it stops by name where work and machine position differ, an offset, G52, G92,",
+        (
+            "before the first move it stops by name where work and machine position differ, an "
+            "offset, G52, G92,"
+        ),
         "or where a rotation, G68, a scaling, G51, or a mirror image, G51.1, is active",
-        "it does not see a tilt of the head. recalled, check in the manual: 5021 machine and 5041 work position of axes 1 to 3,",
+        (
+            "it does not see a tilt of the head. recalled, check in the manual: 5021 machine and "
+            "5041 work position of axes 1 to 3,"
+        ),
         "4011, 4016 and 4022 the modal codes of scaling, rotation and mirror image",
     )
 
@@ -50,9 +60,11 @@ class Fanuc(Dialect):
         return text if "." in text else text + "."
 
     def start(self) -> list[str]:
-        """Return known modes, a refusal of any offset, rotation, scaling and mirror image, and the halt.
+        """Return known modes, a refusal of any offset, rotation, scaling and mirror image, and the
+        halt.
 
-        ``G53`` alone holds the reading of the positions back. A shift shows in the positions, a rotation only in its modal code.
+        ``G53`` alone holds the reading of the positions back. A shift shows in the positions, a
+        rotation only in its modal code.
         """
         return [
             "G21",
@@ -64,7 +76,11 @@ class Fanuc(Dialect):
             "IF[FIX[#4011]EQ51]THEN #3000=4(G51 SCALING IS ACTIVE)",
             "IF[FIX[#4022]EQ51]THEN #3000=5(G51.1 MIRROR IS ACTIVE)",
             "G53",
-            "IF[[ABS[#5021-#5041]+ABS[#5022-#5042]+ABS[#5023-#5043]]GT0.003]THEN #3000=6(WORK IS NOT MACHINE POS)",
+            (
+                "IF[[ABS[#5021-#5041]+ABS[#5022-#5042]+ABS[#5023-#5043]]GT0.003]THEN "
+                "#3000=6(WORK IS "
+                "NOT MACHINE POS)"
+            ),
             "M05",
             *self.ask("mirror on, beam returns, way to the first stop free"),
         ]
@@ -74,7 +90,8 @@ class Fanuc(Dialect):
         return [f"M00 {self.comment(text)}"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a move with G54 at zero: machine coordinates at feed, which G53 gives only in rapid."""
+        """Return a move with G54 at zero: machine coordinates at feed, which G53 gives only in
+        rapid."""
         x, y, z = position
         return f"G09 G01 X{x} Y{y} Z{z} F{feed}"
 

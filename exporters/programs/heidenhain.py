@@ -18,7 +18,8 @@ class _Check:
     stopped: str
 
     def blocks(self, label: int) -> list[str]:
-        """Return the comparison; where the value is another, the program stops and compares again after the start key."""
+        """Return the comparison; where the value is another, the program stops and compares again
+        after the start key."""
         return [
             f"LBL {label}",
             "FN 20: WAIT FOR SYNC",
@@ -36,15 +37,19 @@ _CHECKS = (
     _Check("ID280 NR1", 0, "M128 is active, M129 first"),
     _Check("ID210 NR2", 0, "a rotation is active, reset cycle 10 first"),
     _Check("ID210 NR3", 0, "a mirror image is active, reset cycle 8 first"),
-    *(_Check(f"ID210 NR4 IDX{axis}", 1, "a scaling is active, reset cycle 11 first") for axis in (1, 2, 3)),
+    *(
+        _Check(f"ID210 NR4 IDX{axis}", 1, "a scaling is active, reset cycle 11 first")
+        for axis in (1, 2, 3)
+    ),
 )
 
 
 class Heidenhain(Dialect):
     """Conversational blocks with ``M91``: coordinates of that block count from the machine datum.
 
-    ``FN 19`` hands two numbers to the PLC; a counter of 0 means under way. ``FN 20: WAIT FOR SYNC`` holds the look-ahead back until
-    the axes have arrived. There is no default for the handshake: its PLC operand is the builder's.
+    ``FN 19`` hands two numbers to the PLC; a counter of 0 means under way. ``FN 20: WAIT FOR SYNC``
+    holds the look-ahead back until the axes have arrived. There is no default for the handshake:
+    its PLC operand is the builder's.
     """
 
     control = "heidenhain"
@@ -61,18 +66,41 @@ class Heidenhain(Dialect):
         end="FN 20: WAIT FOR SYNC\nFN 19: PLC=+0/+0",
     )
     needs = (
-        "plc: FN 19 gives the setup and the stop counter. a counter of 0 means under way, any other stopped",
-        "plc: gate stopped with the in-position signals, keep the last counter while under way (over LSV2 stepdiag does both)",
-        "recalled, check in the manual: FN 20 WAIT FOR SYNC, and that FN 19 is not locked by a code number",
+        (
+            "plc: FN 19 gives the setup and the stop counter. a counter of 0 means under way, any "
+            "other stopped"
+        ),
+        (
+            "plc: gate stopped with the in-position signals, keep the last counter while under way "
+            "(over LSV2 stepdiag does both)"
+        ),
+        (
+            "recalled, check in the manual: FN 20 WAIT FOR SYNC, and that FN 19 is not locked by a "
+            "code number"
+        ),
         "the tool length must be 0",
     )
 
     checked = (
-        "M91 counts from the machine datum, whatever preset is active: machine and work position differ by it and are not compared",
-        "before the first move it resets cycles 7, 8, 10 and 11, and stops by name where a rotation, a mirror image, a scaling,",
+        (
+            "M91 counts from the machine datum, whatever preset is active: machine and work "
+            "position "
+            "differ by it and are not compared"
+        ),
+        (
+            "before the first move it resets cycles 7, 8, 10 and 11, and stops by name where a "
+            "rotation, a mirror image, a scaling,"
+        ),
         "the tilted working plane (CYCLE 19, PLANE) or M128 is active then",
-        "it does not see a basic rotation, cycle 26, the tool length, or where a swivelling head stands",
-        "read in the technical manual of TNC 426 and 430, page 7-30: ID210 and ID280 of FN 18; check it for another version",
+        (
+            "it does not see a basic rotation, cycle 26, the tool length, or where a swivelling "
+            "head "
+            "stands"
+        ),
+        (
+            "read in the technical manual of TNC 426 and 430, page 7-30: ID210 and ID280 of FN 18; "
+            "check it for another version"
+        ),
     )
 
     def file_name(self, job: Job) -> str:
@@ -84,7 +112,8 @@ class Heidenhain(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the reset of datum shift, mirroring, rotation and scaling, the checks of what is active then, and the halt."""
+        """Return the reset of datum shift, mirroring, rotation and scaling, the checks of what is
+        active then, and the halt."""
         return [
             "CYCL DEF 7.0 DATUM SHIFT",
             "CYCL DEF 7.1 X+0",
@@ -96,7 +125,11 @@ class Heidenhain(Dialect):
             "CYCL DEF 10.1 ROT+0",
             "CYCL DEF 11.0 SCALING",
             "CYCL DEF 11.1 SCL 1",
-            *(block for number, check in enumerate(_CHECKS) for block in check.blocks(90 + 2 * number)),
+            *(
+                block
+                for number, check in enumerate(_CHECKS)
+                for block in check.blocks(90 + 2 * number)
+            ),
             *self.ask("mirror on, beam returns, way to the first stop free?"),
         ]
 

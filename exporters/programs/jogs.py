@@ -13,21 +13,28 @@ PLACES_MM = (-0.3, -0.15, 0.0, 0.15, 0.3)
 LEAD_MM = -0.4
 """Start of the approach to every place, in mm; farther than any backlash below the lowest place."""
 JOG_S, WOBBLE_S, DARK_S = 2.0, 30.0, 5.0
-WOBBLE = "wobble the pointing of the laser gently by hand in both directions until the axes move again. start"
+WOBBLE = (
+    "wobble the pointing of the laser gently by hand in both directions until the axes move "
+    "again. start"
+)
 BLOCK, FREE = "block the beam and leave it blocked. start", "free the beam. start"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jog:
-    """A place that is driven to without a word to the PLC, how long the machine stands there, and what the operator is asked before."""
+    """A place that is driven to without a word to the PLC, how long the machine stands there, and
+    what the operator is asked before."""
 
     position_mm: tuple[float, float, float]
     stand_s: float = 0.0
     ask: str = ""
 
 
-def jogs_at(place_mm: tuple[float, float, float], axis: str, *, last: bool = False) -> tuple[Jog, ...]:
-    """Return the jogs at one end of a run along ``axis`` (x, y, z), and the wobble; at the ``last`` end the beam is blocked, too."""
+def jogs_at(
+    place_mm: tuple[float, float, float], axis: str, *, last: bool = False
+) -> tuple[Jog, ...]:
+    """Return the jogs at one end of a run along ``axis`` (x, y, z), and the wobble; at the ``last``
+    end the beam is blocked, too."""
     others = [index for index in range(3) if AXES[index] != axis]
 
     def beside(*moved_mm: float) -> tuple[float, float, float]:
@@ -42,5 +49,9 @@ def jogs_at(place_mm: tuple[float, float, float], axis: str, *, last: bool = Fal
     second = [Jog(position_mm=beside(0.0, place), stand_s=JOG_S) for place in PLACES_MM]
     centre = beside(0.0, 0.0)
     wobble = Jog(position_mm=centre, stand_s=WOBBLE_S, ask=WOBBLE)
-    dark = (Jog(position_mm=centre, stand_s=DARK_S, ask=BLOCK), Jog(position_mm=centre, ask=FREE)) if last else ()
+    dark = (
+        (Jog(position_mm=centre, stand_s=DARK_S, ask=BLOCK), Jog(position_mm=centre, ask=FREE))
+        if last
+        else ()
+    )
     return (lead, *first, lead, *second, lead, wobble, *dark)

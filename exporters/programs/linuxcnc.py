@@ -1,4 +1,5 @@
-"""LinuxCNC: RS274/NGC program, metric, and the HAL component beside it: there is no PLC to be asked."""
+"""LinuxCNC: RS274/NGC program, metric, and the HAL component beside it: there is no PLC to be
+asked."""
 
 import re
 from pathlib import Path
@@ -26,7 +27,8 @@ _NETS = (
 class LinuxCNC(Dialect):
     """RS274/NGC in machine coordinates (``G53`` with each move).
 
-    ``M64``, ``M65`` and ``M68`` are carried out when the moves before them have ended; ``G61.1`` ends every move in an exact stop.
+    ``M64``, ``M65`` and ``M68`` are carried out when the moves before them have ended; ``G61.1``
+    ends every move in an exact stop.
     """
 
     control = "linuxcnc"
@@ -42,14 +44,24 @@ class LinuxCNC(Dialect):
         end="M68 E0 Q0",
     )
     needs = (
-        "hal: motion.analog-out-00 setup, motion.analog-out-01 stop counter, motion.digital-out-00 stopped",
+        (
+            "hal: motion.analog-out-00 setup, motion.analog-out-01 stop counter, "
+            "motion.digital-out-00 stopped"
+        ),
         "hal: motion.analog-in-00 captured, only with handshake",
         "stepdiag.hal beside this program serves them over modbus",
     )
 
     checked = (
-        "G53 leaves out every offset: G54 to G59.3 with their rotation, G52, G92, the tool. G40 G49 end compensation",
-        "so machine and work position are not compared. it does not see a switched kinematics, M428 M429, nor rotary axes",
+        (
+            "G53 leaves out every offset: G54 to G59.3 with their rotation, G52, G92, the tool. "
+            "G40 "
+            "G49 end compensation"
+        ),
+        (
+            "so machine and work position are not compared. it does not see a switched kinematics, "
+            "M428 M429, nor rotary axes"
+        ),
     )
 
     def file_name(self, job: Job) -> str:
@@ -82,8 +94,11 @@ class LinuxCNC(Dialect):
         return [f"G4 P{seconds}"]
 
 
-def companion_files(control: str, host: str = "127.0.0.1", port: int = 1502) -> tuple[ControlFile, ...]:
-    """Return the files that LinuxCNC runs to serve the register block at ``host`` and ``port``; none for a control with a PLC.
+def companion_files(
+    control: str, host: str = "127.0.0.1", port: int = 1502
+) -> tuple[ControlFile, ...]:
+    """Return the files that LinuxCNC runs to serve the register block at ``host`` and ``port``;
+    none for a control with a PLC.
 
     Raises ``UsageError`` for an address that could be taken for anything else in a HAL file.
     """
@@ -92,10 +107,20 @@ def companion_files(control: str, host: str = "127.0.0.1", port: int = 1502) -> 
     if not _ADDRESS.fullmatch(host):
         raise UsageError("plc.host", expected=message("name-or-address"), found=repr(host))
     lines = [
-        "# stepdiag: what a survey program says, as Modbus registers. In the INI file: [HAL] HALFILE = stepdiag.hal, after the others.",
-        "# A pin that is netted already keeps its signal: put that signal's name in the place of the one here.",
+        (
+            "# stepdiag: what a survey program says, as Modbus registers. In the INI file: [HAL] "
+            "HALFILE = stepdiag.hal, after the others."
+        ),
+        (
+            "# A pin that is netted already keeps its signal: put that signal's name in the "
+            "place of "
+            "the one here."
+        ),
         f"loadusr -Wn stepdiag /usr/bin/python3 ./{COMPONENT} --host {host} --port {port}",
         *(f"net stepdiag-{pin} {theirs} {arrow} stepdiag.{pin}" for pin, theirs, arrow in _NETS),
     ]
     source = Path(__file__).with_name(COMPONENT).read_bytes()
-    return (ControlFile(name=COMPONENT, data=source, role="program"), ControlFile(name=HAL, data=ascii_lines(lines), role="program"))
+    return (
+        ControlFile(name=COMPONENT, data=source, role="program"),
+        ControlFile(name=HAL, data=ascii_lines(lines), role="program"),
+    )

@@ -64,10 +64,20 @@ def nc_programs(
             remedy=message("ask-machine-builder-for"),
         )
     jobs = [
-        Job(sequence=sequence, setup=setup, signals=chosen, decimals=dialect.decimals if decimals is None else decimals)
+        Job(
+            sequence=sequence,
+            setup=setup,
+            signals=chosen,
+            decimals=dialect.decimals if decimals is None else decimals,
+        )
         for setup in sequence.setups
     ]
-    return tuple(Program(name=dialect.file_name(job), setup=job.setup, data=dialect.render(job).encode("ascii")) for job in jobs)
+    return tuple(
+        Program(
+            name=dialect.file_name(job), setup=job.setup, data=dialect.render(job).encode("ascii")
+        )
+        for job in jobs
+    )
 
 
 def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]]) -> None:
@@ -86,7 +96,8 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
 
 
 def default_signals(control: str) -> Signals:
-    """Return the control's own means of talking to the PLC. Raises ``UsageError`` for an unknown control."""
+    """Return the control's own means of talking to the PLC. Raises ``UsageError`` for an unknown
+    control."""
     return _dialect(control).signals
 
 
@@ -96,12 +107,17 @@ def default_decimals(control: str) -> int:
 
 
 def program_name(sequence: Sequence, control: str, setup: str) -> str:
-    """Return the file name of a setup's program: what the operator is asked to start (``O8002`` for npp on Fanuc)."""
+    """Return the file name of a setup's program: what the operator is asked to start (``O8002`` for
+    npp on Fanuc)."""
     dialect = _dialect(control)
-    return dialect.file_name(Job(sequence=sequence, setup=setup, signals=dialect.signals, decimals=dialect.decimals))
+    return dialect.file_name(
+        Job(sequence=sequence, setup=setup, signals=dialect.signals, decimals=dialect.decimals)
+    )
 
 
 def _dialect(control: str) -> Dialect:
     if control not in _DIALECTS:
-        raise UsageError("controller", expected=message("one-of", names=CONTROLS), found=repr(control))
+        raise UsageError(
+            "controller", expected=message("one-of", names=CONTROLS), found=repr(control)
+        )
     return _DIALECTS[control]

@@ -14,7 +14,8 @@ from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.programs.jogs import Jog, jogs_at
 
 LARGEST_COUNT = 32767
-"""The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""
+"""The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their
+PLC."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +81,8 @@ class Stop:
 class Pass:
     """One way along the setup's line: odd numbers outward, even numbers back (contract 4).
 
-    ``approach_mm`` is the point outside the first stop from which it is approached, None without overrun.
+    ``approach_mm`` is the point outside the first stop from which it is approached, None without
+    overrun.
     """
 
     number: int
@@ -106,7 +108,9 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
     The counter goes on from setup to setup in the order of ``sequence.setups``.
     """
     check(sequence)
-    count = 1 + sum(_stops_in(sequence, before) for before in sequence.setups[: sequence.setups.index(setup)])
+    count = 1 + sum(
+        _stops_in(sequence, before) for before in sequence.setups[: sequence.setups.index(setup)]
+    )
     passes = []
     for number in _pass_numbers(sequence):
         stops = line_stops_mm(sequence, setup, number)
@@ -118,7 +122,8 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
 
 
 def travel_mm(sequence: Sequence, setup: str) -> Vector:
-    """Return the lowest and highest commanded position of each axis, approaches included, shape (2, 3)."""
+    """Return the lowest and highest commanded position of each axis, approaches included, shape (2,
+    3)."""
     points = [
         point
         for each in passes_of(sequence, setup)
@@ -140,9 +145,13 @@ def check(sequence: Sequence) -> None:
         ("overrun_mm", sequence.overrun_mm, "of 0 or above"),
     ):
         if not np.isfinite(number) or number < 0 or (number == 0 and least == "above 0"):
-            raise UsageError(f"plan.{name}", expected=message("number-limits", limits=least), found=repr(number))
+            raise UsageError(
+                f"plan.{name}", expected=message("number-limits", limits=least), found=repr(number)
+            )
     if sequence.repeats < 1:
-        raise UsageError("plan.repeats", expected=message("1-or-more"), found=repr(sequence.repeats))
+        raise UsageError(
+            "plan.repeats", expected=message("1-or-more"), found=repr(sequence.repeats)
+        )
     for order in (sequence.axis_order, *sequence.axis_orders):
         if sorted(order) != list(AXES):
             raise UsageError("volume.axis_order", expected=message("each-x-y-z"), found=repr(order))
@@ -153,7 +162,11 @@ def _check_setups(sequence: Sequence) -> None:
     for setup in sequence.setups:
         setup_of(setup, "plan.setups")
     if not sequence.setups or len(set(sequence.setups)) < len(sequence.setups):
-        raise UsageError("plan.setups", expected=message("at-least-one-setup"), found=", ".join(sequence.setups) or message("none"))
+        raise UsageError(
+            "plan.setups",
+            expected=message("at-least-one-setup"),
+            found=", ".join(sequence.setups) or message("none"),
+        )
     total = sum(_stops_in(sequence, setup) for setup in sequence.setups)
     if total > LARGEST_COUNT:
         raise UsageError(
@@ -184,7 +197,13 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
         number=number,
         approach_mm=approach,
         stops=tuple(
-            Stop(stop=index, count=count + index, axis=moved[index], position_mm=_triple(stops[index])) for index in range(len(stops))
+            Stop(
+                stop=index,
+                count=count + index,
+                axis=moved[index],
+                position_mm=_triple(stops[index]),
+            )
+            for index in range(len(stops))
         ),
     )
 

@@ -1,6 +1,8 @@
-"""``[program]`` of a controller profile: what the NC programs of one machine need and the control's usual means do not fit.
+"""``[program]`` of a controller profile: what the NC programs of one machine need and the control's
+usual means do not fit.
 
-``stepdiag program`` reads this section alone: the questions about tables in the same profile may still be open.
+``stepdiag program`` reads this section alone: the questions about tables in the same profile may
+still be open.
 """
 
 import json
@@ -28,7 +30,8 @@ TEMPLATE = """\
 
 
 class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``decimals`` of a programmed position, and the texts of `Signals`; None: the control's default."""
+    """``decimals`` of a programmed position, and the texts of `Signals`; None: the control's
+    default."""
 
     decimals: Annotated[int, msgspec.Meta(ge=0, le=6)] | None = None
     begin: str | None = None
@@ -56,19 +59,29 @@ def program_section(text: str, source: str, control: str) -> ProgramSection:
     machine = tables.get("machine", {})
     named = machine.get("controller", control) if isinstance(machine, dict) else control
     if named != control:
-        raise UsageError(f"{source}: machine.controller", expected=control, found=repr(named), remedy=message("name-profile-this-control"))
+        raise UsageError(
+            f"{source}: machine.controller",
+            expected=control,
+            found=repr(named),
+            remedy=message("name-profile-this-control"),
+        )
     return convert(tables.get(SECTION, {}), ProgramSection, source, SECTION)
 
 
 def travel_in(text: str, source: str) -> dict[str, tuple[float, float]]:
-    """Return the software limits of the axes (x, y, z) that a profile states as ``travel_mm``. Raises ``UsageError`` for a wrong one."""
+    """Return the software limits of the axes (x, y, z) that a profile states as ``travel_mm``.
+    Raises ``UsageError`` for a wrong one."""
     axes = read_toml(text, source).get("axes", {})
     found = {}
     for letter, axis in axes.items() if isinstance(axes, dict) else ():
         if isinstance(axis, dict) and "travel_mm" in axis:
-            travel = convert({"travel_mm": axis["travel_mm"]}, _Travel, source, f"axes.{letter}").travel_mm
+            travel = convert(
+                {"travel_mm": axis["travel_mm"]}, _Travel, source, f"axes.{letter}"
+            ).travel_mm
             if travel[0] >= travel[1]:
-                raise refuse(source, f"axes.{letter}.travel_mm", message("lower-end-first"), list(travel))
+                raise refuse(
+                    source, f"axes.{letter}.travel_mm", message("lower-end-first"), list(travel)
+                )
             found[letter.lower()] = travel
     return found
 

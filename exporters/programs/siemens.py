@@ -7,8 +7,9 @@ from stepdiag.exporters.programs.signals import Signals
 class Siemens(Dialect):
     """Part program in machine coordinates (``SUPA`` suppresses every offset of its block).
 
-    The data words ``$A_DBW[n]`` lie in the area shared with the PLC (DB4900 on 828D: function manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are
-    written while blocks are prepared; ``STOPRE`` holds that back until the axes have arrived.
+    The data words ``$A_DBW[n]`` lie in the area shared with the PLC (DB4900 on 828D: function
+    manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are written while blocks are prepared; ``STOPRE`` holds
+    that back until the axes have arrived.
     """
 
     control = "siemens"
@@ -23,17 +24,37 @@ class Siemens(Dialect):
         end="STOPRE\n$A_DBW[0]=0",
     )
     needs = (
-        "plc: $A_DBW words 0 setup, 2 stop counter, 4 stopped (gate it with exact stop fine), 6 captured with handshake",
+        (
+            "plc: $A_DBW words 0 setup, 2 stop counter, 4 stopped (gate it with exact stop "
+            "fine), 6 "
+            "captured with handshake"
+        ),
         "the builder says whether these words are free",
-        "828D: they are DB4900.DBW0 2 4 6, read over S7 by stepdiag itself. 840D sl: the user program calls FC 21 and copies",
-        "$A_DBW 0 2 4 into a data block of its own (words 0 2 4), with handshake its word 6 back to $A_DBW[6]",
+        (
+            "828D: they are DB4900.DBW0 2 4 6, read over S7 by stepdiag itself. 840D sl: the user "
+            "program calls FC 21 and copies"
+        ),
+        (
+            "$A_DBW 0 2 4 into a data block of its own (words 0 2 4), with handshake its word 6 "
+            "back "
+            "to $A_DBW[6]"
+        ),
     )
 
     checked = (
-        "SUPA leaves out every frame: G54, TRANS, ROT, CYCLE800, DRF. TRAFOOF ends a transformation",
-        "before the first move it stops by name where machine and basic position still differ: TRAORI, TRAANG, TRANSMIT left active",
+        (
+            "SUPA leaves out every frame: G54, TRANS, ROT, CYCLE800, DRF. TRAFOOF ends a "
+            "transformation"
+        ),
+        (
+            "before the first move it stops by name where machine and basic position still differ: "
+            "TRAORI, TRAANG, TRANSMIT left active"
+        ),
         "it does not see where rotary axes and a swivelling head stand",
-        "read in the Programming Guide Advanced 04.00, page 15-559: $AA_IM is the machine position, $AA_IB the basic position",
+        (
+            "read in the Programming Guide Advanced 04.00, page 15-559: $AA_IM is the machine "
+            "position, $AA_IB the basic position"
+        ),
     )
 
     def file_name(self, job: Job) -> str:
@@ -45,7 +66,8 @@ class Siemens(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return known modes, no tool offset, no transformation, and the halt with its question on the screen.
+        """Return known modes, no tool offset, no transformation, and the halt with its question on
+        the screen.
 
         The program returns to its check after every start: it goes on only if the positions agree.
         """

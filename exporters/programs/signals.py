@@ -12,18 +12,25 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import excerpt, message
 
 LONGEST_TEXT = 1000
-PLACEHOLDERS = {"begin": {"setup"}, "stand": {"setup", "count"}, "leave": {"setup", "count"},
-                "wait": {"setup", "count"}, "end": set[str]()}  # fmt: skip
+PLACEHOLDERS = {
+    "begin": {"setup"},
+    "stand": {"setup", "count"},
+    "leave": {"setup", "count"},
+    "wait": {"setup", "count"},
+    "end": set[str](),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """The blocks that talk to the PLC; several blocks stand on several lines, an empty text sends nothing.
+    """The blocks that talk to the PLC; several blocks stand on several lines, an empty text sends
+    nothing.
 
-    ``begin``: the program has started, setup number known; ``stopped`` off, whatever an aborted program left. ``stand``: in position
-    and dwelling, so ``stopped`` is on and the counter new. ``leave``: ``stopped`` off before the next move. ``wait``: only with the
-    handshake, hold until the PLC shows ``captured`` equal to the counter. ``end``: setup number 0. Placeholders ``{setup}`` and
-    ``{count}`` are whole numbers.
+    ``begin``: the program has started, setup number known; ``stopped`` off, whatever an aborted
+    program left. ``stand``: in position and dwelling, so ``stopped`` is on and the counter new.
+    ``leave``: ``stopped`` off before the next move. ``wait``: only with the handshake, hold until
+    the PLC shows ``captured`` equal to the counter. ``end``: setup number 0. Placeholders
+    ``{setup}`` and ``{count}`` are whole numbers.
     """
 
     begin: str
@@ -41,7 +48,9 @@ class Signals:
                 if name not in known:
                     raise UsageError(
                         f"program.{item.name}",
-                        expected="only " + " and ".join(f"{{{each}}}" for each in sorted(known)) if known else message("no-placeholder"),
+                        expected="only " + " and ".join(f"{{{each}}}" for each in sorted(known))
+                        if known
+                        else message("no-placeholder"),
                         found=f"{{{name}}}",
                     )
 
@@ -54,13 +63,20 @@ class Signals:
 def _placeholders(where: str, text: str) -> list[str]:
     expected = message("text-with", names=["{setup}", "{count}"])
     try:
-        found = [(name, spec, conversion) for _, name, spec, conversion in string.Formatter().parse(text) if name is not None]
+        found = [
+            (name, spec, conversion)
+            for _, name, spec, conversion in string.Formatter().parse(text)
+            if name is not None
+        ]
     except ValueError as error:
         raise UsageError(where, expected=expected, found=f"{text!r}: {error}") from error
     for name, spec, conversion in found:
         if spec or conversion:  # a width of millions of digits is one as well
             raise UsageError(
-                where, expected=expected, found=message("own-form", name=f"{{{name}}}"), remedy=message("leave-out-what-follows")
+                where,
+                expected=expected,
+                found=message("own-form", name=f"{{{name}}}"),
+                remedy=message("leave-out-what-follows"),
             )
     return [name for name, _, _ in found]
 
@@ -69,6 +85,8 @@ def _refuse_unprintable(where: str, text: str) -> None:
     """Refuse characters that an NC program cannot hold, and texts at every stop that would make it
     endless.
     """
-    if len(text) > LONGEST_TEXT or any(letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text):
+    if len(text) > LONGEST_TEXT or any(
+        letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text
+    ):
         expected = message("printable-ascii-characters-and", longest_text=LONGEST_TEXT)
         raise UsageError(where, expected=expected, found=repr(excerpt(text)))

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""stepdiag_modbus: a HAL userspace component of LinuxCNC that serves the register block of stepdiag over Modbus TCP.
+"""stepdiag_modbus: a HAL userspace component of LinuxCNC that serves the register block of stepdiag
+over Modbus TCP.
 
     loadusr -Wn stepdiag /usr/bin/python3 ./stepdiag_modbus.py --host 192.168.1.20 --port 1502
 
@@ -51,7 +52,8 @@ class Block:
         """Return registers 0 to 13 (contract of stepdiag: docs/service-engineer.md, section 2)."""
         self._look()
         pins = self._pins
-        # an output keeps its value when a program ends or is aborted: the machine then stands in no stop
+        # an output keeps its value when a program ends or is aborted: the machine then stands in no
+        # stop
         stopped = bool(pins["stopped"]) and bool(pins["in-position"]) and self._runs
         words = [
             int(time.monotonic() / BEAT_S) % 65536,
@@ -64,7 +66,11 @@ class Block:
             words += struct.unpack(">HH", struct.pack(">i", max(-(2**31), min(2**31 - 1, tenths))))
         hundredths = (round(pins[name] * 100) for name in ("material-c", "air-c"))
         tenths_more = (round(pins[name] * 10) for name in ("pressure-hpa", "humidity-percent"))
-        return [*words, *(value & 0xFFFF for value in hundredths), *(value & 0xFFFF for value in tenths_more)]
+        return [
+            *words,
+            *(value & 0xFFFF for value in hundredths),
+            *(value & 0xFFFF for value in tenths_more),
+        ]
 
     def take_captured(self, count: int) -> None:
         """Show the program which stop has been captured."""
@@ -94,7 +100,9 @@ def answer(request: bytes, block: Block) -> bytes:
             return bytes([function | 0x80, ILLEGAL_VALUE])
         if first + count > REGISTERS:
             return bytes([function | 0x80, ILLEGAL_ADDRESS])
-        return struct.pack(f">BB{count}H", function, 2 * count, *block.registers()[first : first + count])
+        return struct.pack(
+            f">BB{count}H", function, 2 * count, *block.registers()[first : first + count]
+        )
     if function == 6 and len(request) == 5:
         return written(function, request, request[1:3], request[3:5], block)
     if function == 16 and len(request) == 8 and request[3:6] == b"\x00\x01\x02":
@@ -185,9 +193,17 @@ def inches() -> bool:
 
 def main() -> None:
     """Offer the pins and serve the block."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--host", default="127.0.0.1", help="the address to listen on: the control's own on the network of the box")
-    parser.add_argument("--port", type=int, default=1502, help="below 1024 only administrators may listen")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="the address to listen on: the control's own on the network of the box",
+    )
+    parser.add_argument(
+        "--port", type=int, default=1502, help="below 1024 only administrators may listen"
+    )
     options = parser.parse_args()
     with socket.socket() as door:
         door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -23,7 +23,8 @@ SCALE_UM_M = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """One way along a setup: stops (N, 3) in the order of travel, and the unit vector along which the reading grows (3,)."""
+    """One way along a setup: stops (N, 3) in the order of travel, and the unit vector along which
+    the reading grows (3,)."""
 
     setup: str
     stops_mm: Vector
@@ -38,11 +39,18 @@ class Way:
 
     def seen_um(self, table: Table) -> Vector:
         """Return what the laser sees of a table at the stops, by the control's law, in um."""
-        moving, output = (AXES.index(axis.lower()) for axis in (table.input_axis, table.output_axis))
+        moving, output = (
+            AXES.index(axis.lower()) for axis in (table.input_axis, table.output_axis)
+        )
         ways = (int(self.signs[moving]),) if self.signs[moving] else (1, -1)
-        moved = sum((correction_um(table, self.stops_mm[:, moving], way) / len(ways) for way in ways), np.zeros(len(self.stops_mm)))
+        moved = sum(
+            (correction_um(table, self.stops_mm[:, moving], way) / len(ways) for way in ways),
+            np.zeros(len(self.stops_mm)),
+        )
         if table.multiplier is not None:
-            moved = moved * table.multiplier.at(self.stops_mm[:, AXES.index(table.multiplier.axis.lower())])
+            moved = moved * table.multiplier.at(
+                self.stops_mm[:, AXES.index(table.multiplier.axis.lower())]
+            )
         return np.asarray(moved * self.along[output])
 
 
@@ -54,18 +62,39 @@ def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Ve
     """
     passes = readings.passes()
     for setup in setups:
-        out = next((rows for key, rows in passes.items() if key.setup == setup and key.outward), None)
+        out = next(
+            (rows for key, rows in passes.items() if key.setup == setup and key.outward), None
+        )
         if out is None:
             continue
         travel = np.array(setup_of(setup).signs) * np.ptp(readings.position_mm[out], axis=0)
         along = travel / np.linalg.norm(travel)
         for outward in (True, False):
-            found = [rows for key, rows in passes.items() if key.setup == setup and key.outward == outward]
-            alike = [rows for rows in found if _same(readings.position_mm[rows], readings.position_mm[found[0]])]
+            found = [
+                rows
+                for key, rows in passes.items()
+                if key.setup == setup and key.outward == outward
+            ]
+            alike = [
+                rows
+                for rows in found
+                if _same(readings.position_mm[rows], readings.position_mm[found[0]])
+            ]
             if alike:
-                deviations = [1000.0 * (readings.reading_mm[rows] - readings.position_mm[rows] @ along) for rows in alike]
+                deviations = [
+                    1000.0 * (readings.reading_mm[rows] - readings.position_mm[rows] @ along)
+                    for rows in alike
+                ]
                 mean = np.mean([each - np.mean(each) for each in deviations], axis=0)
-                yield Way(setup=setup, stops_mm=readings.position_mm[alike[0]], along=along, outward=outward), mean
+                yield (
+                    Way(
+                        setup=setup,
+                        stops_mm=readings.position_mm[alike[0]],
+                        along=along,
+                        outward=outward,
+                    ),
+                    mean,
+                )
 
 
 def changes(before: Readings, after: Readings) -> tuple[list[Way], Vector]:
@@ -77,7 +106,9 @@ def changes(before: Readings, after: Readings) -> tuple[list[Way], Vector]:
     then = list(ways_of(before, setups))
     for way, now_um in ways_of(after, setups):
         for old, then_um in then:
-            if (old.setup, old.outward) == (way.setup, way.outward) and _same(old.stops_mm, way.stops_mm):
+            if (old.setup, old.outward) == (way.setup, way.outward) and _same(
+                old.stops_mm, way.stops_mm
+            ):
                 ways.append(way)
                 parts.append(now_um - then_um)
     return ways, np.concatenate(parts)
@@ -101,7 +132,11 @@ def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
 def exchanged(table: Table, one: str, other: str) -> Table:
     """Return a table in its action with two axes exchanged."""
     names = {one: other, other: one}
-    lever = None if table.multiplier is None else replace(table.multiplier, axis=names.get(table.multiplier.axis, table.multiplier.axis))
+    lever = (
+        None
+        if table.multiplier is None
+        else replace(table.multiplier, axis=names.get(table.multiplier.axis, table.multiplier.axis))
+    )
     moving, output = (names.get(axis, axis) for axis in (table.input_axis, table.output_axis))
     return replace(table, input_axis=moving, output_axis=output, multiplier=lever)
 
@@ -126,9 +161,17 @@ def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]
                 scale[part] = SCALE_UM_M * metres @ way.along
                 lean[part] = metres - np.outer(metres @ way.along, way.along)
                 for axis in range(3):
-                    stays = np.concatenate([[0], np.cumsum(np.abs(np.diff(way.stops_mm[:, axis])) > SAME_MM)])
+                    stays = np.concatenate(
+                        [[0], np.cumsum(np.abs(np.diff(way.stops_mm[:, axis])) > SAME_MM)]
+                    )
                     scatter[part, part] += way.along[axis] ** 2 * (stays[:, None] == stays)
         held.append(scale)
         leans, size, _ = np.linalg.svd(lean, full_matrices=False)
         free += list(leans[:, size > 1e-9].T)
-    return measured(change_um, np.column_stack(list(seen.values())), np.column_stack(free), np.column_stack(held), scatter)
+    return measured(
+        change_um,
+        np.column_stack(list(seen.values())),
+        np.column_stack(free),
+        np.column_stack(held),
+        scatter,
+    )

@@ -10,7 +10,8 @@ along the wrong axis. Faults have causes, so a fault explains a function, all fu
 table, or all. Explanations are added one at a time, as long as each makes the readings `NAMED`
 times as likely as before.
 
-Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and beyond U of the factor.
+Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and beyond
+U of the factor.
 
 A table is decided if every other state makes the readings `SURE` times less likely, by itself and
 with all of its kind; an undecided table is shown with its factor and U. The tables are kept if
@@ -36,17 +37,25 @@ from stepdiag.exporters.safety.verdicts.regression import SIZED, Measured
 from stepdiag.exporters.safety.verdicts.verdict import Code
 from stepdiag.exporters.tables.tables import Table
 
-STATES: tuple[tuple[Code, float], ...] = (("right", 1.0), ("sign-turned", -1.0), ("missing", 0.0), ("scaled", 0.5), ("scaled", 2.0))
+STATES: tuple[tuple[Code, float], ...] = (
+    ("right", 1.0),
+    ("sign-turned", -1.0),
+    ("missing", 0.0),
+    ("scaled", 0.5),
+    ("scaled", 2.0),
+)
 PROOF = "proof"
 """The code of the finding in a result that holds the verdict."""
 SURE, NAMED = 20.0, 400.0
-"""Odds for one state of a table against another; and for a fault, of which fifty and more are tried, against none."""
+"""Odds for one state of a table against another; and for a fault, of which fifty and more are
+tried, against none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proved:
-    """The verdict on the tables of one function: ``factor`` with standard uncertainty ``u``, and ``seen_um``, the rms of what the laser
-    was to see of them. ``code`` is None where the run does not decide; ``harmless`` is then whether that matters."""
+    """The verdict on the tables of one function: ``factor`` with standard uncertainty ``u``, and
+    ``seen_um``, the rms of what the laser was to see of them. ``code`` is None where the run does
+    not decide; ``harmless`` is then whether that matters."""
 
     function: str
     kind: str
@@ -66,8 +75,9 @@ class Proved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """The verdicts, and what to do: keep the tables, restore the control, or drive on: the setups of the survey that show most of what is
-    not decided are ``further``. Repeating the run shows no more: what it leaves open is how its set-up leans."""
+    """The verdicts, and what to do: keep the tables, restore the control, or drive on: the setups
+    of the survey that show most of what is not decided are ``further``. Repeating the run shows no
+    more: what it leaves open is how its set-up leans."""
 
     tables: tuple[Proved, ...]
     sigma_um: float
@@ -95,31 +105,46 @@ class _Explained:
 class _Case:
     """The tables of a proof run beside its readings."""
 
-    def __init__(self, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table]) -> None:
+    def __init__(
+        self, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table]
+    ) -> None:
         self.ways, self.change_um = changes(before, after)
         self.tables = [table for table in acting if table.value_um.any()]
         self.nothing = np.zeros(len(self.change_um))
         if not self.ways:
-            raise DataError(message("proof-run"), expected=message("proof-stops"), found=", ".join(dict.fromkeys(after.setup)))
+            raise DataError(
+                message("proof-run"),
+                expected=message("proof-stops"),
+                found=", ".join(dict.fromkeys(after.setup)),
+            )
         old = columns(replaced, self.ways)
         self.seen = columns(self.tables, self.ways)
-        # the tables that acted during the survey are gone from the readings, or stand in the new ones
+        # the tables that acted during the survey are gone from the readings, or stand in the new
+        # ones
         self.change_um = self.change_um + sum(old.values(), self.nothing)
         if not self.seen:
-            raise DataError(message("proof-run"), expected=message("proof-sees"), found=message("nothing"))
+            raise DataError(
+                message("proof-run"), expected=message("proof-sees"), found=message("nothing")
+            )
         self.fit: Measured = regressed(self.ways, self.change_um, self.seen)
         self.kinds = {table.name: table.kind for table in self.tables if table.name in self.seen}
         self.groups = self._groups()
 
     def _groups(self) -> list[tuple[str, ...]]:
-        kinds = [tuple(name for name in self.seen if self.kinds[name] == kind) for kind in dict.fromkeys(self.kinds.values())]
+        kinds = [
+            tuple(name for name in self.seen if self.kinds[name] == kind)
+            for kind in dict.fromkeys(self.kinds.values())
+        ]
         return list(dict.fromkeys([*((name,) for name in self.seen), *kinds, tuple(self.seen)]))
 
     def misfit(self, explained: _Explained) -> float:
         return self.fit.misfit(explained.predicted_um)
 
     def right(self) -> _Explained:
-        return _Explained(states=dict.fromkeys(self.seen, STATES[0]), predicted_um=sum(self.seen.values(), self.nothing))
+        return _Explained(
+            states=dict.fromkeys(self.seen, STATES[0]),
+            predicted_um=sum(self.seen.values(), self.nothing),
+        )
 
     def others(self, than: _Explained) -> Iterator[_Explained]:
         """Yield explanations with a further cause: another factor of a group, or two exchanged
@@ -127,37 +152,66 @@ class _Case:
         """
         for group in self.groups:
             for state in STATES:
-                if any(than.states[name] != state for name in group) and all(than.states[name][0] != "axes-swapped" for name in group):
+                if any(than.states[name] != state for name in group) and all(
+                    than.states[name][0] != "axes-swapped" for name in group
+                ):
                     added = [(state[1] - than.states[name][1]) * self.seen[name] for name in group]
-                    yield _Explained(states={**than.states, **dict.fromkeys(group, state)}, predicted_um=than.predicted_um + sum(added))
+                    yield _Explained(
+                        states={**than.states, **dict.fromkeys(group, state)},
+                        predicted_um=than.predicted_um + sum(added),
+                    )
         if all(state == STATES[0] for state in than.states.values()):
             kinds = dict.fromkeys(self.kinds.values())
-            for some, pair in product(dict.fromkeys([*((kind,) for kind in kinds), tuple(kinds)]), combinations("XYZ", 2)):
+            for some, pair in product(
+                dict.fromkeys([*((kind,) for kind in kinds), tuple(kinds)]), combinations("XYZ", 2)
+            ):
                 yield self._exchanged(than, some, *pair)
 
     def sized(self, than: _Explained) -> Iterator[_Explained]:
         """Yield explanations with the best factor of a group, if this is no longer its state."""
         for group in self.groups:
             together = sum((self.seen[name] for name in group), self.nothing)
-            beside = than.predicted_um - sum((than.states[name][1] * self.seen[name] for name in group), self.nothing)
+            beside = than.predicted_um - sum(
+                (than.states[name][1] * self.seen[name] for name in group), self.nothing
+            )
             column, rest = self.fit.weigh @ together, self.fit.values - self.fit.weigh @ beside
             size = float(column @ column)
             if size > 0.0 and all(than.states[name][0] != "axes-swapped" for name in group):
                 factor = float(column @ rest) / size
                 state = (_code(factor, self.fit.sigma_um / float(np.sqrt(size))), factor)
                 if any(than.states[name][0] != state[0] for name in group):
-                    yield _Explained(states={**than.states, **dict.fromkeys(group, state)}, predicted_um=beside + factor * together)
+                    yield _Explained(
+                        states={**than.states, **dict.fromkeys(group, state)},
+                        predicted_um=beside + factor * together,
+                    )
 
-    def _exchanged(self, than: _Explained, kinds: Sequence[str], one: str, other: str) -> _Explained:
-        mine = [table for table in self.tables if table.kind in kinds and {table.input_axis, table.output_axis} & {one, other}]
+    def _exchanged(
+        self, than: _Explained, kinds: Sequence[str], one: str, other: str
+    ) -> _Explained:
+        mine = [
+            table
+            for table in self.tables
+            if table.kind in kinds and {table.input_axis, table.output_axis} & {one, other}
+        ]
         turned = columns([exchanged(table, one, other) for table in mine], self.ways)
         names = {table.name for table in mine if table.name in self.seen}
-        moved = sum(turned.values(), self.nothing) - sum((self.seen[name] for name in names), self.nothing)
+        moved = sum(turned.values(), self.nothing) - sum(
+            (self.seen[name] for name in names), self.nothing
+        )
         swapped: tuple[Code, float] = ("axes-swapped", 0.0)
-        return _Explained(states={**than.states, **dict.fromkeys(names, swapped)}, predicted_um=than.predicted_um + moved)
+        return _Explained(
+            states={**than.states, **dict.fromkeys(names, swapped)},
+            predicted_um=than.predicted_um + moved,
+        )
 
 
-def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table] = ()) -> Proof:
+def prove(
+    result: Result,
+    before: Readings,
+    after: Readings,
+    acting: Sequence[Table],
+    replaced: Sequence[Table] = (),
+) -> Proof:
     """Return the result of a proof run: ``before`` are the readings of the survey with this
     ``result``, ``after`` its own.
 
@@ -169,14 +223,18 @@ def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Ta
     for _ in range(len(case.seen)):
         found = min(case.others(best), key=case.misfit, default=best)
         sized = min(case.sized(best), key=case.misfit, default=found)
-        if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(SURE):  # a factor of its own explains more than a state does anyway
+        if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(
+            SURE
+        ):  # a factor of its own explains more than a state does anyway
             found = sized
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
         best = found
     proved = tuple(_proved(case, best, name, result) for name in case.seen)
     rest = [name for name in dict.fromkeys(before.setup) if name not in after.setup]
-    seen = {name: columns(case.tables, [way for way, _ in ways_of(before, [name])]) for name in rest}
+    seen = {
+        name: columns(case.tables, [way for way, _ in ways_of(before, [name])]) for name in rest
+    }
 
     def shown_um(function: str, setup: str) -> float:
         return float(np.std(seen[setup][function])) if function in seen[setup] else 0.0
@@ -190,14 +248,31 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
     at, seen = list(case.seen).index(name), case.seen[name]
     code, factor = best.states[name]
     least = case.misfit(best) + 2.0 * np.log(SURE)
-    remain = {other.states[name] for other in case.others(best) if other.states[name][0] != code and case.misfit(other) < least}
-    sized_um = rms(np.concatenate([table.absolute_um - np.mean(table.absolute_um) for table in case.tables if table.name == name]))
+    remain = {
+        other.states[name]
+        for other in case.others(best)
+        if other.states[name][0] != code and case.misfit(other) < least
+    }
+    sized_um = rms(
+        np.concatenate(
+            [
+                table.absolute_um - np.mean(table.absolute_um)
+                for table in case.tables
+                if table.name == name
+            ]
+        )
+    )
     states = [*remain, (code, factor)]
     off = max(np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states)
     return Proved(
-        function=name, kind=case.kinds[name], code=None if remain else code, factor=float(case.fit.factor[at]), u=float(case.fit.u[at]),
-        seen_um=rms(seen - np.mean(seen)), harmless=bool(off * sized_um <= _unknown_um(result, name)),
-    )  # fmt: skip
+        function=name,
+        kind=case.kinds[name],
+        code=None if remain else code,
+        factor=float(case.fit.factor[at]),
+        u=float(case.fit.u[at]),
+        seen_um=rms(seen - np.mean(seen)),
+        harmless=bool(off * sized_um <= _unknown_um(result, name)),
+    )
 
 
 def _code(factor: float, u: float) -> Code:

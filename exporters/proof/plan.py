@@ -42,7 +42,9 @@ class ProofPlan:
     foreseen: tuple[Foreseen, ...]
 
 
-def plan_proof(result: Result, readings: Readings, driven: Plan, acting: Sequence[Table], minutes: float) -> ProofPlan:
+def plan_proof(
+    result: Result, readings: Readings, driven: Plan, acting: Sequence[Table], minutes: float
+) -> ProofPlan:
     """Return the diagonal and the line of a survey with the best view of the least visible table,
     repeated within ``minutes`` of driving, once at least.
 
@@ -50,34 +52,55 @@ def plan_proof(result: Result, readings: Readings, driven: Plan, acting: Sequenc
     table.
     """
     names = [run.setup for run in driven.runs if run.setup in readings.setup]
-    diagonals, lines = ([name for name in names if name in some] for some in (BODY_DIAGONALS, LINES))
+    diagonals, lines = (
+        [name for name in names if name in some] for some in (BODY_DIAGONALS, LINES)
+    )
     if not diagonals:
-        raise DataError(result.source, expected=message("proof-diagonal"), found=", ".join(names) or message("none"))
+        raise DataError(
+            result.source,
+            expected=message("proof-diagonal"),
+            found=", ".join(names) or message("none"),
+        )
     pairs = [tuple(pair) for pair in product(diagonals, lines)] or [(name,) for name in diagonals]
     ways = {name: [way for way, _ in ways_of(readings, [name])] for name in names}
 
     def least(pair: Sequence[str]) -> float:
-        return max((each.expanded_um / each.seen_um for each in _foreseen(result, ways, pair, acting)), default=0.0)
+        return max(
+            (each.expanded_um / each.seen_um for each in _foreseen(result, ways, pair, acting)),
+            default=0.0,
+        )
 
     chosen = min(pairs, key=least)
     foreseen = _foreseen(result, ways, chosen, acting)
     if not foreseen:
         raise DataError(result.source, expected=message("proof-sees"), found=message("nothing"))
     runs = [driven.run_of(name) for name in chosen]
-    once = sum(run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run) for run in runs)
+    once = sum(
+        run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run) for run in runs
+    )
     repeats = max(int(minutes / once), 1)
     return ProofPlan(setups=chosen, repeats=repeats, minutes=repeats * once, foreseen=foreseen)
 
 
-def _foreseen(result: Result, ways: dict[str, list[Way]], setups: Sequence[str], acting: Sequence[Table]) -> tuple[Foreseen, ...]:
+def _foreseen(
+    result: Result, ways: dict[str, list[Way]], setups: Sequence[str], acting: Sequence[Table]
+) -> tuple[Foreseen, ...]:
     there = [way for name in setups for way in ways[name]]
     seen = columns(acting, there)
     if not seen:
         return ()
     fit = regressed(there, np.zeros(sum(len(way.stops_mm) for way in there)), seen)
-    spreads = [found for name in setups if (found := result.setups[name].residual_um if name in result.setups else None) is not None]
+    spreads = [
+        found
+        for name in setups
+        if (found := result.setups[name].residual_um if name in result.setups else None) is not None
+    ]
     scatter_um = max([*spreads, USUAL_UM]) / fit.sigma_um
     return tuple(
-        Foreseen(function=name, seen_um=(size_um := rms(column - np.mean(column))), expanded_um=float(2.0 * scatter_um * u * size_um))
+        Foreseen(
+            function=name,
+            seen_um=(size_um := rms(column - np.mean(column))),
+            expanded_um=float(2.0 * scatter_um * u * size_um),
+        )
         for (name, column), u in zip(seen.items(), fit.u, strict=True)
     )

@@ -33,7 +33,8 @@ _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Everything the checks look at. ``previous`` are the tables in the control now, as far as the profile gives them."""
+    """Everything the checks look at. ``previous`` are the tables in the control now, as far as the
+    profile gives them."""
 
     controller: Controller
     profile: Profile
@@ -68,16 +69,24 @@ def check_values(case: Case) -> Iterator[Finding]:
         own = case.controller.limits(table, case.profile).value_um
         if largest > limits.value_um or (own is not None and largest > own):
             limit = min(limits.value_um, own or np.inf)
-            yield finding("error", message("value-large.limit", label=table.label, um=largest, limit_um=limit))
+            yield finding(
+                "error", message("value-large.limit", label=table.label, um=largest, limit_um=limit)
+            )
         elif largest > limits.warn_value_um:
-            yield finding("warning", message("value-large", label=table.label, um=largest, limit_um=limits.warn_value_um))
+            yield finding(
+                "warning",
+                message(
+                    "value-large", label=table.label, um=largest, limit_um=limits.warn_value_um
+                ),
+            )
 
 
 def check_change(case: Case) -> Iterator[Finding]:
     """3: the change against the previous tables of the same function. `standing` judges the old
     tables beside it.
 
-    A table of zeros is no previous table: the first compensation of a machine is judged by its size alone (check 2).
+    A table of zeros is no previous table: the first compensation of a machine is judged by its size
+    alone (check 2).
     """
     for table in case.tables:
         before = [old for old in case.previous if old.name == table.name and np.any(old.value_um)]
@@ -100,14 +109,22 @@ def check_slope(case: Case) -> Iterator[Finding]:
         if most == "plausible":
             most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
-            yield finding("warning", message("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most))
+            yield finding(
+                "warning",
+                message("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most),
+            )
         allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
         if own.neighbour_um_mm is not None:
             allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
         if np.any(steps > allowed + _ZERO_UM):
             yield finding(
                 "error",
-                message("slope-steep.neighbour", label=table.label, um=np.max(steps), limit_um=np.min(allowed)),
+                message(
+                    "slope-steep.neighbour",
+                    label=table.label,
+                    um=np.max(steps),
+                    limit_um=np.min(allowed),
+                ),
             )
 
 
@@ -116,15 +133,35 @@ def check_points(case: Case) -> Iterator[Finding]:
     for kind in sorted({table.kind for table in case.tables}):
         of_kind = [table for table in case.tables if table.kind == kind]
         held = case.controller.limits(of_kind[0], case.profile).tables
-        highest = max((number for table in of_kind if isinstance(number := table.place.get("table"), int)), default=-1)
+        highest = max(
+            (number for table in of_kind if isinstance(number := table.place.get("table"), int)),
+            default=-1,
+        )
         if held is not None and (len(of_kind) > held or highest >= held):
-            text = message("control-full.tables", count=len(of_kind), kind=kind, number=max(highest, len(of_kind) - 1), held=held)
+            text = message(
+                "control-full.tables",
+                count=len(of_kind),
+                kind=kind,
+                number=max(highest, len(of_kind) - 1),
+                held=held,
+            )
             yield finding("error", text)
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
-        allowed = min((limit for limit in (own, case.profile.limits.points) if limit is not None), default=None)
+        allowed = min(
+            (limit for limit in (own, case.profile.limits.points) if limit is not None),
+            default=None,
+        )
         if allowed is not None and len(table.position_mm) > allowed:
-            yield finding("error", message("control-full.points", label=table.label, count=len(table.position_mm), held=allowed))
+            yield finding(
+                "error",
+                message(
+                    "control-full.points",
+                    label=table.label,
+                    count=len(table.position_mm),
+                    held=allowed,
+                ),
+            )
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
@@ -132,10 +169,20 @@ def check_reference(case: Case) -> Iterator[Finding]:
     for table in case.tables:
         if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
             continue  # a product is zero where its lever is, which is another axis
-        at_reference = abs(correction_um(table, np.array([table.reference_mm]), table.direction or 1).item())
+        at_reference = abs(
+            correction_um(table, np.array([table.reference_mm]), table.direction or 1).item()
+        )
         wanted = case.controller.limits(table, case.profile).reference_um
         if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:
-            yield finding("error", message("reference-unfit.value", label=table.label, um=at_reference, place_mm=table.reference_mm))
+            yield finding(
+                "error",
+                message(
+                    "reference-unfit.value",
+                    label=table.label,
+                    um=at_reference,
+                    place_mm=table.reference_mm,
+                ),
+            )
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
@@ -144,7 +191,10 @@ def check_travel(case: Case) -> Iterator[Finding]:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
             continue  # of an old table that is emptied nothing is held
-        if table.position_mm[0] > travel[0] + _ZERO_UM or table.position_mm[-1] < travel[1] - _ZERO_UM:
+        if (
+            table.position_mm[0] > travel[0] + _ZERO_UM
+            or table.position_mm[-1] < travel[1] - _ZERO_UM
+        ):
             low, high = table.absolute_um[[0, -1]]
             yield finding(
                 "warning",
@@ -164,20 +214,35 @@ def check_travel(case: Case) -> Iterator[Finding]:
 def check_units(case: Case) -> Iterator[Finding]:
     """8: the unit system of the control."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
-        yield finding("error", message("units-not-metric", control=case.controller.title, units=case.profile.machine.units))
+        yield finding(
+            "error",
+            message(
+                "units-not-metric", control=case.controller.title, units=case.profile.machine.units
+            ),
+        )
 
 
 def check_axes(case: Case) -> Iterator[Finding]:
     """9: every axis has a name of its own."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield finding("error", message("profile-incomplete.name", source=case.profile.source, name=name))
+        yield finding(
+            "error", message("profile-incomplete.name", source=case.profile.source, name=name)
+        )
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
     """12: reversal error in the tables and in the backlash parameter at the same time."""
-    both = (table for table in case.tables if table.direction and table.input_axis == table.output_axis)
-    for letter in sorted({table.input_axis for table in both if not case.controller.limits(table, case.profile).ends_backlash}):
+    both = (
+        table for table in case.tables if table.direction and table.input_axis == table.output_axis
+    )
+    for letter in sorted(
+        {
+            table.input_axis
+            for table in both
+            if not case.controller.limits(table, case.profile).ends_backlash
+        }
+    ):
         backlash = case.profile.axis(letter).backlash_um
         if backlash is None:
             yield finding(
@@ -185,7 +250,9 @@ def check_reversal(case: Case) -> Iterator[Finding]:
                 message("profile-incomplete.reversal", axis_label=case.axis_label(letter)),
             )
         elif backlash != 0:
-            yield finding("error", message("direction-unfit.twice", axis=case.axis_label(letter), um=backlash))
+            yield finding(
+                "error", message("direction-unfit.twice", axis=case.axis_label(letter), um=backlash)
+            )
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
@@ -199,19 +266,34 @@ def check_quality(case: Case) -> Iterator[Finding]:
     spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
     worst = max(spreads, key=lambda name: spreads[name], default="")
     if worst and spreads[worst] > largest / 2:
-        yield finding("warning", message("correction-small.repeatability", setup=worst, um=spreads[worst], largest_um=largest))
+        yield finding(
+            "warning",
+            message(
+                "correction-small.repeatability", setup=worst, um=spreads[worst], largest_um=largest
+            ),
+        )
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
-    if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):
+    if uncertain and all(
+        np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain
+    ):
         yield finding("warning", message("correction-small.uncertainty"))
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
-    """14: a sign test that contradicts the sense of a table. Without a test the file names state it instead."""
+    """14: a sign test that contradicts the sense of a table. Without a test the file names state it
+    instead."""
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
                 yield finding(
-                    "error", message("sign-contradicted", kind=kind, date=record.date.isoformat(), verdict=record.verdict, sense=sense)
+                    "error",
+                    message(
+                        "sign-contradicted",
+                        kind=kind,
+                        date=record.date.isoformat(),
+                        verdict=record.verdict,
+                        sense=sense,
+                    ),
                 )
 
 
@@ -231,7 +313,8 @@ CHECKS: tuple[Check, ...] = (
 
 
 def run_checks(case: Case) -> tuple[Finding, ...]:
-    """Return every error and every warning; tables that are not finite or not ascending are beyond any further check."""
+    """Return every error and every warning; tables that are not finite or not ascending are beyond
+    any further check."""
     broken = tuple(check_finite(case))
     return broken or tuple(one for check in CHECKS for one in check(case))
 
@@ -240,18 +323,32 @@ LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_unit
 """The checks that need nothing but a table, its control and a profile."""
 
 
-def limit_findings(controller: Controller, profile: Profile, result: Result, tables: Sequence[Table]) -> tuple[Finding, ...]:
+def limit_findings(
+    controller: Controller, profile: Profile, result: Result, tables: Sequence[Table]
+) -> tuple[Finding, ...]:
     """Return the violations of the limits of control and profile by tables of any source."""
     today = date.min  # no check of a limit asks for the day
-    case = Case(controller=controller, profile=profile, result=result, curves=(), tables=tables, previous=(), today=today)
+    case = Case(
+        controller=controller,
+        profile=profile,
+        result=result,
+        curves=(),
+        tables=tables,
+        previous=(),
+        today=today,
+    )
     broken = tuple(check_finite(case))
     return broken or tuple(one for check in LIMITS for one in check(case))
 
 
 def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
-    """11: what the control reads from the bytes is what was planned, to half a unit at every point."""
+    """11: what the control reads from the bytes is what was planned, to half a unit at every
+    point."""
     for table in planned:
-        alike = [[other for other in tables if (other.name, other.kind) == (table.name, table.kind)] for tables in (planned, read)]
+        alike = [
+            [other for other in tables if (other.name, other.kind) == (table.name, table.kind)]
+            for tables in (planned, read)
+        ]
         meant, found = (movement_um(table, tables) for tables in alike)
         off = float(np.max(np.abs(found - meant))) if alike[1] else np.inf
         if not off <= table.quantum_um / 2 + _ZERO_UM:
@@ -263,12 +360,22 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: Words)
     is not accepted.
     """
     refusing = [item for item in findings if item.severity != "info"]
-    open_findings = [item for item in refusing if item.severity == "error" or not item.is_accepted(accept)]
+    open_findings = [
+        item for item in refusing if item.severity == "error" or not item.is_accepted(accept)
+    ]
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [message("with-its-code", what=item.words, code=item.key) for item in open_findings if item is not first]
-    remedy = message("mend-cause") if first.severity == "error" else message("mend-or-accept", code=first.key)
+    others = [
+        message("with-its-code", what=item.words, code=item.key)
+        for item in open_findings
+        if item is not first
+    ]
+    remedy = (
+        message("mend-cause")
+        if first.severity == "error"
+        else message("mend-or-accept", code=first.key)
+    )
     raise SafetyError(
         where,
         code=first.key,
@@ -279,7 +386,8 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: Words)
 
 
 def untested_kinds(case: Case) -> tuple[str, ...]:
-    """Return the kinds of table without a sign test of this machine, control and measuring system in the twelve months before today.
+    """Return the kinds of table without a sign test of this machine, control and measuring system
+    in the twelve months before today.
 
     Neutral curves have no sense to test.
     """
@@ -287,13 +395,16 @@ def untested_kinds(case: Case) -> tuple[str, ...]:
         return ()
     about = subject(case.controller.name, case.profile)
     tested = {
-        record.kind for record in case.profile.sign_tests if about.covers(record) and 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS
+        record.kind
+        for record in case.profile.sign_tests
+        if about.covers(record) and 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS
     }
     return tuple(sorted({table.kind for table in case.tables} - tested))
 
 
 def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
-    """Return the summed correction of tables at the points of one of them, in its direction of travel."""
+    """Return the summed correction of tables at the points of one of them, in its direction of
+    travel."""
     return summed_um(tables, grid_of.position_mm, grid_of.direction or 1)
 
 
@@ -301,7 +412,11 @@ def _travel_mm(table: Table) -> float:
     """Return the travel of the growth of a table's errors: its own, or that of the lever of its
     angle.
     """
-    spans = [table.position_mm] if table.multiplier is None else [table.position_mm, table.multiplier.position_mm]
+    spans = (
+        [table.position_mm]
+        if table.multiplier is None
+        else [table.position_mm, table.multiplier.position_mm]
+    )
     return float(max(np.ptp(span) for span in spans))
 
 
@@ -314,10 +429,11 @@ def _measured_mm(result: Result, table: Table) -> float:
 
 
 def _net_um(case: Case, table: Table) -> Vector:
-    """Return what acts at the points of a table: with what angles beside it do there, whose levers count from the zero of the axes.
+    """Return what acts at the points of a table: with what angles beside it do there, whose levers
+    count from the zero of the axes.
 
-    Far from that zero such a column and its angle are large and nearly cancel; the axis moves by what is left, here in the middle of the
-    volume and from the reference.
+    Far from that zero such a column and its angle are large and nearly cancel; the axis moves by
+    what is left, here in the middle of the volume and from the reference.
     """
     turns = [
         each
@@ -333,6 +449,8 @@ def _net_um(case: Case, table: Table) -> Vector:
     at = np.concatenate([table.position_mm, [table.reference_mm]])
     points = np.tile(np.asarray(volume.origin_mm) + np.asarray(volume.size_mm) / 2.0, (len(at), 1))
     points[:, axis] = at
-    moved = mean_correction_um([*turns, *(each for each in case.tables if each.name == table.name)], points)
+    moved = mean_correction_um(
+        [*turns, *(each for each in case.tables if each.name == table.name)], points
+    )
     moved = moved[:, AXES.index(table.output_axis.lower())]
     return np.asarray(moved[:-1] - moved[-1])

@@ -21,7 +21,8 @@ from stepdiag.exporters.tables.profile import Profile
 
 
 def require_agreement(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the result was measured.
+    """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the
+    result was measured.
 
     Codes: ``compensation-unanswered`` (the survey left the question open),
     ``survey-differs.compensation`` (one is on, the other off), ``active-table-unfit.other`` (other
@@ -64,7 +65,9 @@ def require_answer(result: Result) -> Statement:
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unanswered.profile`` if only the profile states the active files."""
     if stated_in(result).state is None and not profile.assumed:
-        state = message("state-on") if profile.machine.measured_with == "on" else message("state-off")
+        state = (
+            message("state-on") if profile.machine.measured_with == "on" else message("state-off")
+        )
         yield finding("warning", message("compensation-unanswered.profile", state=state))
 
 
@@ -74,7 +77,12 @@ def _require_same_files(statement: Statement, profile: Profile) -> None:
     if set(wanted) != set(given):
         missing = [name for digest, name in wanted.items() if digest not in given]
         other = [name for digest, name in given.items() if digest not in wanted]
-        raise _differs(profile, message("as-they-were-active", names=[file.name for file in statement.files]), missing, other)
+        raise _differs(
+            profile,
+            message("as-they-were-active", names=[file.name for file in statement.files]),
+            missing,
+            other,
+        )
 
 
 def _require_noted(profile: Profile) -> None:
@@ -84,13 +92,20 @@ def _require_noted(profile: Profile) -> None:
     if profile.machine.measured_with == "off":
         return
     noted = {digest.lower() for digest in profile.machine.active_sha256}
-    other = [file.name for file in profile.existing if hashlib.sha256(file.data).hexdigest() not in noted]
+    other = [
+        file.name for file in profile.existing if hashlib.sha256(file.data).hexdigest() not in noted
+    ]
     if other or len(noted) != len(profile.existing):
         raise _differs(profile, message("files-noted-as-active"), [], other)
 
 
-def _differs(profile: Profile, expected: Message, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
-    found = [*(message("no-such-file", name=name) for name in missing), *(message("another-file", name=name) for name in other)]
+def _differs(
+    profile: Profile, expected: Message, missing: Iterable[str], other: Iterable[str]
+) -> SafetyError:
+    found = [
+        *(message("no-such-file", name=name) for name in missing),
+        *(message("another-file", name=name) for name in other),
+    ]
     return SafetyError(
         f"{profile.source}: machine.existing",
         code="active-table-unfit.other",

@@ -22,7 +22,8 @@ _POWER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d*)?[eE][-+]?\d+(?![A-Za-z
 _NUMBER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?(\d+)(?:\.(\d*))?(?![A-Za-z0-9_.])")
 _BARE_POINT = re.compile(r"(?<![0-9])\.\d|--\d|\+-\d|-\+\d")
 _DIGITS, _DECIMALS = 12, 9
-"""Digits before and after the point: the identity of a control has twelve, a position in inches nine decimals."""
+"""Digits before and after the point: the identity of a control has twelve, a position in inches
+nine decimals."""
 _PAST = 3
 """Lines that a refusal names at most."""
 
@@ -46,19 +47,35 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
 
 
 def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iterator[Finding]:
-    """Yield what is wrong with tables as they were read back from the text: limits, travel, and the verdicts that `verify` would give."""
+    """Yield what is wrong with tables as they were read back from the text: limits, travel, and the
+    verdicts that `verify` would give."""
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)
-    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.words) for each in worst(judged))
+    yield from (
+        Finding(code=each.code, severity="error", text=each.text, message=each.words)
+        for each in worst(judged)
+    )
     for table in read:
-        travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
+        travel = (
+            profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
+        )
         if travel is None or table.law.ends == "extended" or not table.value_um.any():
             continue  # zeros move nothing wherever they stand: they take an old table out
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]
-            yield finding("error", message("beyond-travel", label=table.label, first=first, last_mm=last, low=travel[0], high_mm=travel[1]))
+            yield finding(
+                "error",
+                message(
+                    "beyond-travel",
+                    label=table.label,
+                    first=first,
+                    last_mm=last,
+                    low=travel[0],
+                    high_mm=travel[1],
+                ),
+            )
 
 
 def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[Message]:
@@ -71,6 +88,13 @@ def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[Message
             continue
         odd = _NO_NUMBER.search(line) or _POWER.search(line) or _BARE_POINT.search(line)
         if odd is None:
-            odd = next((each for each in _NUMBER.finditer(line) if len(each[1]) > _DIGITS or len(each[2] or "") > _DECIMALS), None)
+            odd = next(
+                (
+                    each
+                    for each in _NUMBER.finditer(line)
+                    if len(each[1]) > _DIGITS or len(each[2] or "") > _DECIMALS
+                ),
+                None,
+            )
         if odd is not None:
             yield message("line-holds", line=number, words=odd.group())

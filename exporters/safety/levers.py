@@ -19,7 +19,10 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.profile import Profile
 
 _PRODUCT = re.compile(rb"\$AN_CEC_MULT_BY_TABLE\[[^\]]*\]\s*=\s*[1-9]")
-_ANGLE_COLUMNS = re.compile(rb"^\s*(?:BEGIN [^\n]*\n\s*NR\b[^\n]*\bC[456]\b|(?!//)[XYZ]\s[^\n]*\bE[ABC][XYZ]\b)", re.MULTILINE)
+_ANGLE_COLUMNS = re.compile(
+    rb"^\s*(?:BEGIN [^\n]*\n\s*NR\b[^\n]*\bC[456]\b|(?!//)[XYZ]\s[^\n]*\bE[ABC][XYZ]\b)",
+    re.MULTILINE,
+)
 
 
 def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
@@ -29,12 +32,15 @@ def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
     return tuple(
         name
         for name, data in files.items()
-        if lattice.recognises(ControlFile(name=name, data=data)) or _PRODUCT.search(data) or _ANGLE_COLUMNS.search(data)
+        if lattice.recognises(ControlFile(name=name, data=data))
+        or _PRODUCT.search(data)
+        or _ANGLE_COLUMNS.search(data)
     )
 
 
 def left_out(files: Mapping[str, bytes]) -> Finding | None:
-    """Return that measured angles were left out of a solution, because ``files`` were active; None where they may be used."""
+    """Return that measured angles were left out of a solution, because ``files`` were active; None
+    where they may be used."""
     names = without_levers(files)
     if not names:
         return None
@@ -42,10 +48,20 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
 
 
 def require_levers(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` for a result with measured angles of a machine whose compensation took their levers away."""
+    """Raise ``SafetyError`` for a result with measured angles of a machine whose compensation took
+    their levers away."""
     names = without_levers({file.name: file.data for file in profile.existing})
-    known = [name for name in ROTATIONS if (found := result.errors.get(name)) is not None and found.value is not None]
-    if profile.machine.measured_with == "on" and stated_in(result).state != "off" and names and known:
+    known = [
+        name
+        for name in ROTATIONS
+        if (found := result.errors.get(name)) is not None and found.value is not None
+    ]
+    if (
+        profile.machine.measured_with == "on"
+        and stated_in(result).state != "off"
+        and names
+        and known
+    ):
         raise SafetyError(
             f"{result.source}: errors.{known[0]}",
             code="active-table-unfit.angles",

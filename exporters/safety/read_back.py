@@ -21,10 +21,13 @@ from stepdiag.exporters.tables.tables import Table
 
 STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
-    "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH).",
+    "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM "
+    "> PUNCH).",
     "heidenhain": "Copy the .COM tables and the .CMA file out of the control again.",
-    "beckhoff": "Copy the loaded files out of the folder that the configuration names, axis lists with their lr_param.ssfk.",
-    "linuxcnc": "Start `/usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp` (joint, file), run READ_BACK.ngc.",
+    "beckhoff": "Copy the loaded files out of the folder that the configuration names, axis "
+    "lists with their lr_param.ssfk.",
+    "linuxcnc": "Start `/usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 "
+    "screw_z.comp` (joint, file), run READ_BACK.ngc.",
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
 }
@@ -49,7 +52,12 @@ class ReadBack:
     findings: tuple[Finding, ...]
 
 
-def compare(controller: Controller, written: Sequence[ControlFile], held: Sequence[ControlFile], profile: Profile) -> ReadBack:
+def compare(
+    controller: Controller,
+    written: Sequence[ControlFile],
+    held: Sequence[ControlFile],
+    profile: Profile,
+) -> ReadBack:
     """Return the comparison of the files of an export with the files read out of the control.
 
     Raises ``DataError`` for a file of another control.
@@ -58,7 +66,10 @@ def compare(controller: Controller, written: Sequence[ControlFile], held: Sequen
     plain = [as_data(file) for file in held]
     try:
         findings = [*_of_tables(wanted, controller.parse(plain, profile))]
-    except (DataError, UsageError) as error:  # a loading that ended half way leaves a table without its grid
+    except (
+        DataError,
+        UsageError,
+    ) as error:  # a loading that ended half way leaves a table without its grid
         if not all(controller.recognises(file) for file in plain):
             raise
         findings = [finding("error", message("read-back-differs.unfit", why=error.message))]
@@ -66,13 +77,20 @@ def compare(controller: Controller, written: Sequence[ControlFile], held: Sequen
     if isinstance(controller, Switching):
         stated, now = controller.switches(wanted, profile), controller.held_switches(plain)
         findings += [
-            finding("error", message("read-back-differs.switch", name=name, held=now[name], written=value))
+            finding(
+                "error",
+                message("read-back-differs.switch", name=name, held=now[name], written=value),
+            )
             if name in now
             else finding("error", message("read-back-differs.unread", name=name))
             for name, value in stated.items()
             if now.get(name) != value
         ]
-    return ReadBack(numbers=sum(len(table.value_um) for table in wanted), switches=len(stated), findings=tuple(findings))
+    return ReadBack(
+        numbers=sum(len(table.value_um) for table in wanted),
+        switches=len(stated),
+        findings=tuple(findings),
+    )
 
 
 def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
@@ -90,7 +108,11 @@ def as_data(file: ControlFile) -> ControlFile:
     statement of a loading.
     """
     path = PurePath(file.name)
-    return replace(file, name=f"{path.stem}.INI", role="data") if path.suffix.upper() in (".MPF", ".SPF") else file
+    return (
+        replace(file, name=f"{path.stem}.INI", role="data")
+        if path.suffix.upper() in (".MPF", ".SPF")
+        else file
+    )
 
 
 def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
@@ -103,15 +125,24 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
             yield finding("error", message("read-back-differs.absent", label=label))
         return
     alike = wanted.direction == held.direction and len(wanted.position_mm) == len(held.position_mm)
-    if not alike or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM or not _same_lever(wanted, held):
+    if (
+        not alike
+        or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM
+        or not _same_lever(wanted, held)
+    ):
         yield finding("error", message("read-back-differs.grid", label=label))
         return
-    off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(wanted.quantum_um, _LEAST_UM)
+    off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(
+        wanted.quantum_um, _LEAST_UM
+    )
     if off.any():
         at = int(np.argmax(off))
         where = f"{wanted.input_axis} {wanted.position_mm[at]:g} mm"
         pair = {"held_um": float(held.absolute_um[at]), "written_um": float(wanted.absolute_um[at])}
-        yield finding("error", message("read-back-differs", label=label, count=int(off.sum()), where=where, **pair))
+        yield finding(
+            "error",
+            message("read-back-differs", label=label, count=int(off.sum()), where=where, **pair),
+        )
 
 
 def _same_lever(one: Table, other: Table) -> bool:
@@ -119,4 +150,6 @@ def _same_lever(one: Table, other: Table) -> bool:
         return one.multiplier is other.multiplier
     at = one.multiplier.position_mm
     same_axis = one.multiplier.axis == other.multiplier.axis
-    return same_axis and bool(np.allclose(one.multiplier.value, other.multiplier.at(at), rtol=0, atol=_SAME))
+    return same_axis and bool(
+        np.allclose(one.multiplier.value, other.multiplier.at(at), rtol=0, atol=_SAME)
+    )

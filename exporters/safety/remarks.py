@@ -30,7 +30,8 @@ def _assumptions(case: Case) -> Iterator[Finding]:
     if not case.profile.assumed:
         return
     axes = [
-        message("axis-assumed", letter=letter, name=axis.name, reference_mm=axis.reference_mm) for letter, axis in case.profile.axes.items()
+        message("axis-assumed", letter=letter, name=axis.name, reference_mm=axis.reference_mm)
+        for letter, axis in case.profile.axes.items()
     ]
     yield finding("info", message("profile-assumed", axes=axes))
 
@@ -52,30 +53,50 @@ def _coarse(case: Case) -> Iterator[Finding]:
     written = {table.name for table in case.tables}
     left = {}
     for curve in (curve for curve in case.curves if curve.name in written):
-        left[curve.name] = missed_um(case.profile.grid_mm(curve.input_axis), curve.position_mm, curve.mean_um)
+        left[curve.name] = missed_um(
+            case.profile.grid_mm(curve.input_axis), curve.position_mm, curve.mean_um
+        )
     yield from coarse(message("these-tables"), left)
 
 
 def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
-    """Return by how much straight lines between the points of a grid miss a value at the most, at the positions within the grid."""
+    """Return by how much straight lines between the points of a grid miss a value at the most, at
+    the positions within the grid."""
     joined = np.interp(position_mm, grid_mm, np.interp(grid_mm, position_mm, value_um))
     inside = (position_mm >= grid_mm[0]) & (position_mm <= grid_mm[-1])
     return float(np.max(np.abs(value_um - joined)[inside], initial=0.0))
 
 
 def coarse(whose: Message, missed: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield the remark that the points of ``whose`` miss functions by more than a survey's uncertainty."""
-    left = [message("so-much-of", name=name, size_um=um) for name, um in missed.items() if um >= _COARSE_UM]
+    """Yield the remark that the points of ``whose`` miss functions by more than a survey's
+    uncertainty."""
+    left = [
+        message("so-much-of", name=name, size_um=um)
+        for name, um in missed.items()
+        if um >= _COARSE_UM
+    ]
     if left:
         yield finding("info", message("step-coarse", whose=whose, left=left))
 
 
 def _ends(case: Case) -> Iterator[Finding]:
     for table in case.tables:
-        if table.law.ends == "held" and np.any(np.abs(table.absolute_um[[0, -1]]) > table.quantum_um / 2):
+        if table.law.ends == "held" and np.any(
+            np.abs(table.absolute_um[[0, -1]]) > table.quantum_um / 2
+        ):
             low, high = (fixed(um, 2) for um in table.absolute_um[[0, -1]])
             first, last = table.position_mm[[0, -1]]
-            yield finding("info", message("travel-not-covered.held", label=table.label, low=low, first_mm=first, high=high, last_mm=last))
+            yield finding(
+                "info",
+                message(
+                    "travel-not-covered.held",
+                    label=table.label,
+                    low=low,
+                    first_mm=first,
+                    high=high,
+                    last_mm=last,
+                ),
+            )
 
 
 def _state(case: Case) -> Iterator[Finding]:
@@ -116,7 +137,16 @@ def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Ite
         return
     whither = message("backlash-into-table") if ends_backlash else message("backlash-to-add")
     value_um, expanded_um = -number.value, 2 * number.u
-    yield finding("info", message("reversal-value", name=f"E{letter}{letter}", value_um=value_um, expanded_um=expanded_um, whither=whither))
+    yield finding(
+        "info",
+        message(
+            "reversal-value",
+            name=f"E{letter}{letter}",
+            value_um=value_um,
+            expanded_um=expanded_um,
+            whither=whither,
+        ),
+    )
 
 
 def _runs(case: Case) -> Iterator[Finding]:

@@ -10,8 +10,13 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
 
-def restore_files(controller: Controller, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
+def restore_files(
+    controller: Controller, tables: Sequence[Table], profile: Profile
+) -> list[ControlFile]:
     """Return the controller's files that take ``tables`` out and the old tables back in, as
     ``<name>_RESTORE``.
     """
-    return [replace(file, name=suffixed(file.name, RESTORE)) for file in controller.restore(tables, profile)]
+    return [
+        replace(file, name=suffixed(file.name, RESTORE))
+        for file in controller.restore(tables, profile)
+    ]

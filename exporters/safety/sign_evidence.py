@@ -34,16 +34,20 @@ from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 FEWEST = 7
 """Positions of a run: origin, slope, curve and bump are four unknowns."""
 FOLLOWS_UM, FOLLOWS = 2.0, 0.6
-"""By so much, or by such a share of the curve, a run may differ from the known one: another line of the volume, another temperature."""
+"""By so much, or by such a share of the curve, a run may differ from the known one: another line of
+the volume, another temperature."""
 HALF = 0.5
 """Share of a bump, or of a curve, from which on it is in a run: half way between none and whole."""
 NOISE_UM = 0.1
 """The least scatter of readings."""
 SURE = 0.3
-"""Uncertainty of the share of a curve up to which its sign is seen: a third of the way from backwards to forwards, at 2 u."""
+"""Uncertainty of the share of a curve up to which its sign is seen: a third of the way from
+backwards to forwards, at 2 u."""
 
 
-def known_um(result: Result, controller: Controller, profile: Profile, test: Bump, position_mm: Vector) -> Vector:
+def known_um(
+    result: Result, controller: Controller, profile: Profile, test: Bump, position_mm: Vector
+) -> Vector:
     """Return the error of the bare machine at positions, in um, by a result: without the old
     tables, if active.
 
@@ -52,24 +56,35 @@ def known_um(result: Result, controller: Controller, profile: Profile, test: Bum
     name, _, by = test.function.partition("*")
     fit = fitted(result, [name], profile.machine.squareness_into)
     on = profile.machine.measured_with == "on"
-    (curve,) = merged(fit.curves, controller.standing(profile.existing, (), profile), profile) if on else fit.curves
+    (curve,) = (
+        merged(fit.curves, controller.standing(profile.existing, (), profile), profile)
+        if on
+        else fit.curves
+    )
     known = curve.at(position_mm)
     for product in fitted(result).products if by else ():
-        if test.lever is not None and (product.output_axis, product.input_axis, product.by_axis) == (name[1], name[2], by):
+        if test.lever is not None and (
+            product.output_axis,
+            product.input_axis,
+            product.by_axis,
+        ) == (name[1], name[2], by):
             share = (test.lever[1] - product.middle_mm) / product.half_mm
             known = known + share * np.interp(position_mm, product.position_mm, product.value_um)
     return np.asarray(known)
 
 
 def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
-    """Raise ``DataError``, with the name of the fault, unless the run off follows the ``known`` error (um) and the bump is in the other.
+    """Raise ``DataError``, with the name of the fault, unless the run off follows the ``known``
+    error (um) and the bump is in the other.
 
-    Named are runs that were exchanged, a bump in both runs, a laser or dial that counts backwards, a run of something else, and a curve too
-    flat to show the direction of a dial.
+    Named are runs that were exchanged, a bump in both runs, a laser or dial that counts backwards,
+    a run of something else, and a curve too flat to show the direction of a dial.
     """
     at = run.position_mm
     if len(at) < FEWEST:
-        raise _refused(message("at-least-positions", count=FEWEST), message("so-many-positions", count=len(at)))
+        raise _refused(
+            message("at-least-positions", count=FEWEST), message("so-many-positions", count=len(at))
+        )
     ramp = test.beyond_mm is None
     free = np.column_stack([np.ones(len(at)), *([] if ramp else [at - np.mean(at)])])
     bump = test.moved_um(at)
@@ -79,16 +94,23 @@ def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
         raise _refused(follows, message("run-backwards", share=share))
     off, on = (_share(bump, free, values - known)[0] for values in (run.off_um, run.on_um))
     if abs(off) > HALF:
-        raise _refused(message("bump-in-run-on"), message("runs-exchanged") if abs(on) <= HALF else message("bump-in-both"))
+        raise _refused(
+            message("bump-in-run-on"),
+            message("runs-exchanged") if abs(on) <= HALF else message("bump-in-both"),
+        )
     miss_um = rms(_without(free, run.off_um - known))
-    if miss_um > max(FOLLOWS_UM, FOLLOWS * rms(_without(free, known))) or abs(share - 1.0) > HALF + 2.0 * u:
+    if (
+        miss_um > max(FOLLOWS_UM, FOLLOWS * rms(_without(free, known)))
+        or abs(share - 1.0) > HALF + 2.0 * u
+    ):
         raise _refused(follows, message("run-unlike", miss_um=miss_um))
     if not run.grows and (u > SURE or share < HALF):
         raise _refused(follows, message("curve-flat", name=test.function))
 
 
 def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float]:
-    """Return the coefficient of a column in values, with the columns ``beside`` it free, and its standard uncertainty from the scatter."""
+    """Return the coefficient of a column in values, with the columns ``beside`` it free, and its
+    standard uncertainty from the scatter."""
     own, rest = _without(beside, column), _without(beside, values)
     size = float(own @ own)
     if size < NOISE_UM**2:
@@ -104,7 +126,9 @@ def _without(columns: Vector, values: Vector) -> Vector:
 
 
 def _refused(expected: Message, found: Message) -> DataError:
-    return DataError(message("sign-test"), expected=expected, found=found, remedy=message("runs-again"))
+    return DataError(
+        message("sign-test"), expected=expected, found=found, remedy=message("runs-again")
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,23 +145,40 @@ class Subject:
         """Return whether a record is of this machine, control and measuring system, and names its
         bump and its runs.
         """
-        same = same_name(record.machine, self.machine) and record.control == self.control and record.measuring_system == self.system
+        same = (
+            same_name(record.machine, self.machine)
+            and record.control == self.control
+            and record.measuring_system == self.system
+        )
         return same and bool(record.bump_sha256 and record.runs_sha256)
 
 
 def subject(control: str, profile: Profile) -> Subject:
     """Return what a sign test on the machine of a profile is evidence for."""
-    return Subject(machine=profile.machine.name, control=control, system=str(getattr(profile.options, "measuring_system", "")))
+    return Subject(
+        machine=profile.machine.name,
+        control=control,
+        system=str(getattr(profile.options, "measuring_system", "")),
+    )
 
 
-def record(test: Bump, shown: Verdict, about: Subject, day: date, runs: Sequence[ControlFile]) -> SignTestRecord:
+def record(
+    test: Bump, shown: Verdict, about: Subject, day: date, runs: Sequence[ControlFile]
+) -> SignTestRecord:
     """Return the record of a test. Raises ``DataError`` for an undecided test."""
     if shown.sense is None:
         raise DataError(message("sign-test"), expected=message("test-decides"), found=shown.words)
     return SignTestRecord(
-        kind=shown.kind, date=day, verdict=shown.sense, machine=about.machine, control=about.control, measuring_system=about.system,
-        function=test.function, bump_sha256=_hashes([file for file in test.files if file.role == "data"]), runs_sha256=_hashes(runs),
-    )  # fmt: skip
+        kind=shown.kind,
+        date=day,
+        verdict=shown.sense,
+        machine=about.machine,
+        control=about.control,
+        measuring_system=about.system,
+        function=test.function,
+        bump_sha256=_hashes([file for file in test.files if file.role == "data"]),
+        runs_sha256=_hashes(runs),
+    )
 
 
 def _hashes(files: Sequence[ControlFile]) -> list[str]:

@@ -1,4 +1,5 @@
-"""The run of a sign test as data: from readings of two linear runs, or from a small CSV for what a dial or straightness laser showed."""
+"""The run of a sign test as data: from readings of two linear runs, or from a small CSV for what a
+dial or straightness laser showed."""
 
 from typing import NamedTuple
 
@@ -15,13 +16,16 @@ from stepdiag.exporters.files.listing import finite, read_lines
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3
 _GROWTH = 0.01
-"""By so much the growth of a reading may differ from that of the position: no machine errs by 10 mm in a metre."""
+"""By so much the growth of a reading may differ from that of the position: no machine errs by 10 mm
+in a metre."""
 
 
 class SignRun(NamedTuple):
-    """Commanded positions of the input axis, and where the output axis stood there with the table off and on; ascending.
+    """Commanded positions of the input axis, and where the output axis stood there with the table
+    off and on; ascending.
 
-    ``grows``: the readings of both runs grow with the position, so the direction in which the laser counts is seen.
+    ``grows``: the readings of both runs grow with the position, so the direction in which the laser
+    counts is seen.
     """
 
     position_mm: Vector
@@ -31,13 +35,18 @@ class SignRun(NamedTuple):
 
 
 def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
-    """Return the run along ``axis`` (X, Y, Z) from its linear run with the table off and the same with it on.
+    """Return the run along ``axis`` (X, Y, Z) from its linear run with the table off and the same
+    with it on.
 
-    All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is missing, the positions differ, or the
-    readings of a run do not grow with the position.
+    All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is
+    missing, the positions differ, or the readings of a run do not grow with the position.
     """
-    before, after = (_by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on")))
-    if len(before) != len(after) or any(abs(one - other) > _SAME_MM for one, other in zip(before, after, strict=True)):
+    before, after = (
+        _by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on"))
+    )
+    if len(before) != len(after) or any(
+        abs(one - other) > _SAME_MM for one, other in zip(before, after, strict=True)
+    ):
         raise DataError(
             message("sign-test-along", axis=axis),
             expected=message("same-commanded-positions-with"),
@@ -45,26 +54,33 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
         )
     position = np.array(list(before))
     shift = 1000.0 * position
-    actual = {state: np.array(list(run.values())) for state, run in (("off", before), ("on", after))}
+    actual = {
+        state: np.array(list(run.values())) for state, run in (("off", before), ("on", after))
+    }
     for state, um in actual.items():
         growth = float(np.polyfit(position, um / 1000.0, 1)[0]) if len(position) > 1 else 1.0
         if abs(growth - 1.0) > _GROWTH:
             raise DataError(
                 message("sign-test-table", state=state),
                 expected=message("readings-grow"),
-                found=message("laser-backwards", growth=growth) if growth < 0.0 else message("readings-growth", growth=growth),
+                found=message("laser-backwards", growth=growth)
+                if growth < 0.0
+                else message("readings-growth", growth=growth),
             )
     return SignRun(position, actual["off"] - shift, actual["on"] - shift, grows=True)
 
 
 def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float]:
-    """Return the mean actual position in um at each commanded position in mm, ascending; a pass counts from its own first stop."""
+    """Return the mean actual position in um at each commanded position in mm, ascending; a pass
+    counts from its own first stop."""
     along = readings.position_mm[:, AXES.index(axis.lower())]
     actual: dict[float, list[float]] = {}
     for key, rows in readings.passes().items():
         if key.setup == f"linear-{axis.lower()}":
             for row in rows:
-                actual.setdefault(round(float(along[row]), 4), []).append(1000.0 * float(along[rows[0]] + readings.reading_mm[row]))
+                actual.setdefault(round(float(along[row]), 4), []).append(
+                    1000.0 * float(along[rows[0]] + readings.reading_mm[row])
+                )
     if not actual:
         raise DataError(
             message("sign-test-table", state=state),
@@ -75,10 +91,15 @@ def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float
 
 
 def read_sign_run(file: ControlFile) -> SignRun:
-    """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line where it is damaged."""
+    """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line
+    where it is damaged."""
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=message("header-of-words", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
+        raise DataError(
+            file.name,
+            expected=message("header-of-words", words=HEADER),
+            found=lines[0][1] if lines else message("empty-file"),
+        )
     rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 3)
     position, off, on = rows[np.argsort(rows[:, 0])].T
     return SignRun(position, off, on)

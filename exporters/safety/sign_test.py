@@ -30,7 +30,8 @@ _LEFT_BEYOND = 0.5
 """Share of the expected movement that may be left beyond a bump."""
 _NO_MOVEMENT = 0.05
 _SIZE = (0.525, 1.9)
-"""Share of the expected movement at which a sense is believed: 0.5 to 2 less what a reading is off, for both ends have causes."""
+"""Share of the expected movement at which a sense is believed: 0.5 to 2 less what a reading is off,
+for both ends have causes."""
 _CAUSES = (
     (10.0, message("unit-ten-times")),
     (2.0, message("counts-in-diameters")),
@@ -66,14 +67,25 @@ class Bump:
 
     @property
     def expected_um(self) -> float:
-        """Return the movement of the output axis from the reference to the top of the bump if the stated sense is right."""
+        """Return the movement of the output axis from the reference to the top of the bump if the
+        stated sense is right."""
         return float(np.diff(self.moved_um(np.array([self.reference_mm, self.top_mm])))[0])
 
     def moved_um(self, at_mm: Vector) -> Vector:
-        """Return the movement of the output axis at positions of the input axis if the stated sense is right."""
+        """Return the movement of the output axis at positions of the input axis if the stated sense
+        is right."""
         lever = np.array([0.0 if self.lever is None else self.lever[1]])
-        times = [1.0 if table.multiplier is None else table.multiplier.at(lever).item() for table in self.tables]
-        return sum((correction_um(table, at_mm) * by for table, by in zip(self.tables, times, strict=True)), 0.0 * at_mm)
+        times = [
+            1.0 if table.multiplier is None else table.multiplier.at(lever).item()
+            for table in self.tables
+        ]
+        return sum(
+            (
+                correction_um(table, at_mm) * by
+                for table, by in zip(self.tables, times, strict=True)
+            ),
+            0.0 * at_mm,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,11 +108,16 @@ class Verdict:
 def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     """Return the bump table for ``function`` (EXX, EYX ..) on the longer side of its reference.
 
-    Raises ``SafetyError`` where the travel is too short for a bump that a laser can see, ``UsageError`` for an unknown function.
+    Raises ``SafetyError`` where the travel is too short for a bump that a laser can see,
+    ``UsageError`` for an unknown function.
     """
     base, star, by = function.partition("*")
     if base not in FUNCTIONS or (star and by not in tuple(_levers(base))):
-        raise UsageError("--function", expected=message("one-or-product-such", functions=FUNCTIONS), found=function)
+        raise UsageError(
+            "--function",
+            expected=message("one-or-product-such", functions=FUNCTIONS),
+            found=function,
+        )
     letter = function[2]
     grid = profile.grid_mm(letter)
     reference = profile.axis(letter).reference_mm
@@ -108,20 +125,31 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     corners, height = _trapezium(grid, reference, profile.source)
     shape = np.interp(grid, np.sort(corners), [0.0, height, height, 0.0])
     end = float(grid[-1] if corners[3] > corners[0] else grid[0])
-    plan = _product_plan(controller, one_way, function, shape) if by else controller.plan([_curve(function, grid, shape)], one_way)
+    plan = (
+        _product_plan(controller, one_way, function, shape)
+        if by
+        else controller.plan([_curve(function, grid, shape)], one_way)
+    )
     ramp = not plan.tables
     if ramp:
         shape = HEIGHT_UM * (grid - reference) / (end - reference)
         plan = controller.plan([_curve(function, grid, shape, *_squareness_of(function))], one_way)
     if not plan.tables:
         expected = message("has-table")
-        raise UsageError("--function", expected=expected, found=function, remedy=message("straightness-stays-in-its"))
+        raise UsageError(
+            "--function",
+            expected=expected,
+            found=function,
+            remedy=message("straightness-stays-in-its"),
+        )
     settled = replace(one_way, options=plan.options or profile.options)
     tested = tuple(table for table in plan.tables if not by or table.name == function)
     return Bump(
         function=function,
         tables=tested,
-        files=controller.render(plan.tables, settled, notes=("SIGN TEST: a bump, no compensation",)),
+        files=controller.render(
+            plan.tables, settled, notes=("SIGN TEST: a bump, no compensation",)
+        ),
         restore=tuple(restore_files(controller, plan.tables, settled)),
         reference_mm=reference,
         top_mm=end if ramp else float(np.mean(corners[1:3])),
@@ -131,7 +159,13 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
 
 
 def _curve(function: str, grid: Vector, shape: Vector, *parts: str) -> Curve:
-    return Curve(name=function, position_mm=grid, forward_um=shape, u_um=np.zeros(grid.shape), parts=("sign test", *parts))
+    return Curve(
+        name=function,
+        position_mm=grid,
+        forward_um=shape,
+        u_um=np.zeros(grid.shape),
+        parts=("sign test", *parts),
+    )
 
 
 def _squareness_of(function: str) -> tuple[str, ...]:
@@ -144,27 +178,44 @@ def _levers(base: str) -> str:
     return "XYZ".replace(base[2], "")
 
 
-def _product_plan(controller: Controller, profile: Profile, function: str, shape_um: Vector) -> Plan:
-    """Return the plan of one product, whose lever goes from -1 to +1 over the table of its other axis."""
+def _product_plan(
+    controller: Controller, profile: Profile, function: str, shape_um: Vector
+) -> Plan:
+    """Return the plan of one product, whose lever goes from -1 to +1 over the table of its other
+    axis."""
     ends = profile.grid_mm(function[4])[[0, -1]]
     product = Product(
-        output_axis=function[1], input_axis=function[2], by_axis=function[4], position_mm=profile.grid_mm(function[2]), value_um=shape_um,
-        u_um=np.zeros(shape_um.shape), middle_mm=float(np.mean(ends)), half_mm=float(ends[1] - ends[0]) / 2, rms_um=float(np.std(shape_um)),
-    )  # fmt: skip
-    plan = controller.plan_products((), (product,), profile) if isinstance(controller, Multiplying) else None
+        output_axis=function[1],
+        input_axis=function[2],
+        by_axis=function[4],
+        position_mm=profile.grid_mm(function[2]),
+        value_um=shape_um,
+        u_um=np.zeros(shape_um.shape),
+        middle_mm=float(np.mean(ends)),
+        half_mm=float(ends[1] - ends[0]) / 2,
+        rms_um=float(np.std(shape_um)),
+    )
+    plan = (
+        controller.plan_products((), (product,), profile)
+        if isinstance(controller, Multiplying)
+        else None
+    )
     if plan is None or not plan.tables:
         raise UsageError(
-            f"{profile.source}: {controller.name}.products", expected=message("control-and-profile-with"), found=message("none"),
+            f"{profile.source}: {controller.name}.products",
+            expected=message("control-and-profile-with"),
+            found=message("none"),
             remedy=message("set-products-true-in"),
-        )  # fmt: skip
+        )
     return plan
 
 
 def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> Verdict:
     """Return the verdict on the sense from the movement between table off and table on.
 
-    ``position_mm``: commanded positions of the input axis; ``off_um``, ``on_um``: actual position of the output axis there, in its +
-    direction, from any common zero. The run must reach the reference, the top of the bump and the end beyond it; raises ``DataError`` else.
+    ``position_mm``: commanded positions of the input axis; ``off_um``, ``on_um``: actual position
+    of the output axis there, in its + direction, from any common zero. The run must reach the
+    reference, the top of the bump and the end beyond it; raises ``DataError`` else.
     """
     table = test.tables[-1]
     moved = _from_reference(test, position_mm, np.asarray(on_um) - np.asarray(off_um))
@@ -181,13 +232,26 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
         return undecided(message("axis-moved-um-table", at_top_um=at_top))
     if abs(beyond) > _LEFT_BEYOND * max(abs(at_top), abs(expected)):
         return undecided(
-            message("left-beyond-bump-incremental" if table.law.data == "absolute" else "left-beyond-bump-absolute", left_um=beyond)
+            message(
+                "left-beyond-bump-incremental"
+                if table.law.data == "absolute"
+                else "left-beyond-bump-absolute",
+                left_um=beyond,
+            )
         )
     if test.lever is not None and share > _BESIDE:
         text = message("axis-moved-um-um", at_top_um=at_top, expected_um=expected)
         return undecided(text)
     if not _SIZE[0] <= share <= _SIZE[1]:
-        return undecided(message("axis-moved-um-instead", at_top_um=at_top, expected_um=expected, share=share, cause=_cause(share)))
+        return undecided(
+            message(
+                "axis-moved-um-instead",
+                at_top_um=at_top,
+                expected_um=expected,
+                share=share,
+                cause=_cause(share),
+            )
+        )
     right = signed > 0
     sense = table.law.sense if right else _opposite(table.law.sense)
     words = (
@@ -208,7 +272,8 @@ def _cause(share: float) -> Message:
 
 
 def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, float]:
-    """Return the four corners, from the one next to the reference outwards, on grid points, and the height in um."""
+    """Return the four corners, from the one next to the reference outwards, on grid points, and the
+    height in um."""
     up = grid[-1] - reference >= reference - grid[0]
     outward = grid[grid >= reference] if up else grid[grid <= reference][::-1]
     flank = max(1, round(HEIGHT_UM / SLOPE_UM_MM / float(grid[1] - grid[0])))
@@ -228,7 +293,10 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
 
 def _far_mm(tables: Sequence[Table], grid_mm: Vector) -> float:
     """Return the end of the travel of the other axis where a product moves most."""
-    low, high = (sum(abs(t.multiplier.at(np.array([at])).item()) for t in tables if t.multiplier) for at in grid_mm[[0, -1]])
+    low, high = (
+        sum(abs(t.multiplier.at(np.array([at])).item()) for t in tables if t.multiplier)
+        for at in grid_mm[[0, -1]]
+    )
     return float(grid_mm[0] if low > high + 1e-9 else grid_mm[-1])
 
 
@@ -236,7 +304,11 @@ def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[
     """Return positions in ascending order and the movement relative to the reference."""
     order = np.argsort(position_mm)
     position, moved = np.asarray(position_mm)[order], moved_um[order]
-    needed = (test.reference_mm, test.top_mm, test.top_mm if test.beyond_mm is None else test.beyond_mm)
+    needed = (
+        test.reference_mm,
+        test.top_mm,
+        test.top_mm if test.beyond_mm is None else test.beyond_mm,
+    )
     if len(position) < 3 or position[0] > min(needed) + 1e-3 or position[-1] < max(needed) - 1e-3:
         raise DataError(
             message("sign-test"),

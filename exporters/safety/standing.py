@@ -39,10 +39,13 @@ class Standing:
     def staying(self) -> tuple[Table, ...]:
         """Return what acts afterwards and was not written by the new files."""
         written = {table.identity for table in self.new}
-        return tuple(table for table in self.after if table.identity not in written and table.value_um.any())
+        return tuple(
+            table for table in self.after if table.identity not in written and table.value_um.any()
+        )
 
     def lost(self) -> tuple[Table, ...]:
-        """Return the tables of before whose function nothing serves any more, or serves otherwise although the new files do not name it."""
+        """Return the tables of before whose function nothing serves any more, or serves otherwise
+        although the new files do not name it."""
         named, held = {table.name for table in self.new if table.value_um.any()}, self.staying
         return tuple(
             old
@@ -53,11 +56,18 @@ class Standing:
         )
 
     def foreign(self) -> tuple[Table, ...]:
-        """Return what stays without having acted so before: a table that multiplied another, or whose numbers are partly overwritten."""
+        """Return what stays without having acted so before: a table that multiplied another, or
+        whose numbers are partly overwritten."""
         old = {table.identity: table for table in self.before}
-        return tuple(table for table in self.staying if table.identity not in old or not _same(table, old[table.identity]))
+        return tuple(
+            table
+            for table in self.staying
+            if table.identity not in old or not _same(table, old[table.identity])
+        )
 
-    def acting(self, result: Result, profile: Profile) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
+    def acting(
+        self, result: Result, profile: Profile
+    ) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
         """Return the tables whose effect on the error of a result is to be predicted, and the
         tables active during its measurement.
 
@@ -67,7 +77,11 @@ class Standing:
         if profile.machine.measured_with == "on":
             return self.after, self.before
         staying = {table.identity for table in self.staying}
-        return tuple(table for table in self.after if table.identity not in staying or identifies(result, table)), ()
+        return tuple(
+            table
+            for table in self.after
+            if table.identity not in staying or identifies(result, table)
+        ), ()
 
 
 def identifies(result: Result, table: Table) -> bool:
@@ -77,11 +91,20 @@ def identifies(result: Result, table: Table) -> bool:
     if table.multiplier is not None:
         turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
         angles = [result.errors.get(f"E{'ABC'[turn]}{table.input_axis}") for turn in turns]
-        return len(angles) == 1 and all(angle is not None and angle.value is not None for angle in angles)
+        return len(angles) == 1 and all(
+            angle is not None and angle.value is not None for angle in angles
+        )
     function = result.errors.get(table.name)
     slopes = [name for name, functions in SQUARENESS_SLOPE.items() if table.name in functions]
-    squares = all(name in result.squareness and result.squareness[name].value is not None for name in slopes)
-    return function is not None and function.value is not None and squares and (bool(slopes) or function.slope_identified)
+    squares = all(
+        name in result.squareness and result.squareness[name].value is not None for name in slopes
+    )
+    return (
+        function is not None
+        and function.value is not None
+        and squares
+        and (bool(slopes) or function.slope_identified)
+    )
 
 
 def standing_findings(standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
@@ -92,20 +115,37 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     more.
     """
     asked = set(profile.machine.functions)
-    named = {table.name: table for table in standing.new if table.value_um.any() or table.name in asked}
+    named = {
+        table.name: table for table in standing.new if table.value_um.any() or table.name in asked
+    }
     foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
         if table.name in named and table.identity not in foreign:
-            yield finding("error", message("old-table-left-active", label=table.label, other=named[table.name].label))
+            yield finding(
+                "error",
+                message("old-table-left-active", label=table.label, other=named[table.name].label),
+            )
         elif table.identity in foreign:
             yield finding("error", message("old-table-left-active.part-left", label=table.label))
-        elif table.multiplier is not None and profile.machine.measured_with == "off" and not identifies(result, table):
+        elif (
+            table.multiplier is not None
+            and profile.machine.measured_with == "off"
+            and not identifies(result, table)
+        ):
             yield from _twice(table, standing.new)
     for table in standing.lost():
-        if table.name not in asked and (profile.machine.measured_with == "off" or table.multiplier is None) and not _chosen(result, table):
+        if (
+            table.name not in asked
+            and (profile.machine.measured_with == "off" or table.multiplier is None)
+            and not _chosen(result, table)
+        ):
             yield finding("error", message("old-table-lost", label=table.label))
     for table in standing.new:
-        old = [each for each in standing.before if each.name == table.name and each.multiplier is None and each.value_um.any()]
+        old = [
+            each
+            for each in standing.before
+            if each.name == table.name and each.multiplier is None and each.value_um.any()
+        ]
         if old and table.multiplier is None and table.value_um.any():
             yield from () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
             if profile.machine.measured_with == "off" and not identifies(result, table):
@@ -113,12 +153,20 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
 
 
 def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error where an old product, off while measuring, goes on beside a new curve: the curve holds its part as well."""
+    """Yield an error where an old product, off while measuring, goes on beside a new curve: the
+    curve holds its part as well."""
     lever = product.multiplier.axis if product.multiplier is not None else ""
     for table in new:
-        alike = table.multiplier is None and table.output_axis == product.output_axis and table.input_axis in (product.input_axis, lever)
+        alike = (
+            table.multiplier is None
+            and table.output_axis == product.output_axis
+            and table.input_axis in (product.input_axis, lever)
+        )
         if alike and table.value_um.any():
-            yield finding("error", message("old-table-left-active.beside-new", label=product.label, other=table.label))
+            yield finding(
+                "error",
+                message("old-table-left-active.beside-new", label=product.label, other=table.label),
+            )
             return
 
 
@@ -142,12 +190,20 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
             function = result.errors.get(name)
             if held_um > _NOTHING_UM and (function is None or function.value is None):
                 yield finding("error", message("old-table-lost.lattice", name=name, um=held_um))
-            elif name[1] == name[2] and function is not None and not function.slope_identified and abs(rise_um[name]) > _NOTHING_UM:
+            elif (
+                name[1] == name[2]
+                and function is not None
+                and not function.slope_identified
+                and abs(rise_um[name]) > _NOTHING_UM
+            ):
                 yield _slope_of(name, rise_um[name])
     for name, functions in SQUARENESS_SLOPE.items():
         squareness = result.squareness.get(name)
-        # a turn of the workpiece moves the two functions by opposite slopes: their sum is what leans
-        leans_um = sum(sign * rise_um[each] / size["XYZ".index(each[2])] for each, sign in functions.items()) * float(np.max(size))
+        # a turn of the workpiece moves the two functions by opposite slopes: their sum is what
+        # leans
+        leans_um = sum(
+            sign * rise_um[each] / size["XYZ".index(each[2])] for each, sign in functions.items()
+        ) * float(np.max(size))
         if (squareness is None or squareness.value is None) and abs(leans_um) > _NOTHING_UM:
             yield _slope_of(name, leans_um)
 
@@ -157,21 +213,27 @@ def _slope_of(name: str, rise_um: float) -> Finding:
 
 
 def _chosen(result: Result, table: Table) -> bool:
-    """Return whether a product that is lost was weighed against others: the prediction judges what its loss does."""
+    """Return whether a product that is lost was weighed against others: the prediction judges what
+    its loss does."""
     return table.multiplier is not None and identifies(result, table)
 
 
 def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning where old tables reach further than the new ones of the same function and are not flat there."""
+    """Yield a warning where old tables reach further than the new ones of the same function and are
+    not flat there."""
     first = min(float(each.position_mm[0]) for each in new if each.name == table.name)
     last = max(float(each.position_mm[-1]) for each in new if each.name == table.name)
     for each in old:
-        outside = np.concatenate([each.position_mm[each.position_mm < first], each.position_mm[each.position_mm > last]])
+        outside = np.concatenate(
+            [each.position_mm[each.position_mm < first], each.position_mm[each.position_mm > last]]
+        )
         if not len(outside):
             continue
         ends = np.clip(outside, first, last)
         way = each.direction or 1
-        lost_um = float(np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way))))
+        lost_um = float(
+            np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way)))
+        )
         if lost_um > _NOTHING_UM:
             yield finding(
                 "warning",
@@ -191,21 +253,35 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
 def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
     """Yield a warning where the new table holds a shape alone and the old ones held a slope."""
     ends = table.position_mm[[0, -1]]
-    rise_um = sum(float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old) / len({each.direction for each in old})
+    rise_um = sum(
+        float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old
+    ) / len({each.direction for each in old})
     if abs(rise_um) > _NOTHING_UM:
-        yield finding("warning", message("old-table-lost.slope-of-table", label=table.label, rise_um=rise_um))
+        yield finding(
+            "warning", message("old-table-lost.slope-of-table", label=table.label, rise_um=rise_um)
+        )
 
 
 def _same(one: Table, other: Table) -> bool:
-    alike = np.array_equal(one.position_mm, other.position_mm) and np.array_equal(one.value_um, other.value_um)
+    alike = np.array_equal(one.position_mm, other.position_mm) and np.array_equal(
+        one.value_um, other.value_um
+    )
     if one.multiplier is None or other.multiplier is None:
         return alike and one.multiplier is other.multiplier
-    pairs = ((one.multiplier.position_mm, other.multiplier.position_mm), (one.multiplier.value, other.multiplier.value))
-    return alike and one.multiplier.axis == other.multiplier.axis and all(np.array_equal(*pair) for pair in pairs)
+    pairs = (
+        (one.multiplier.position_mm, other.multiplier.position_mm),
+        (one.multiplier.value, other.multiplier.value),
+    )
+    return (
+        alike
+        and one.multiplier.axis == other.multiplier.axis
+        and all(np.array_equal(*pair) for pair in pairs)
+    )
 
 
 def unchanged(now: Iterable[Table], then: Iterable[Table]) -> bool:
-    """Return whether tables move an axis as others did, to a unit of theirs and but for an origin, where those of now have points."""
+    """Return whether tables move an axis as others did, to a unit of theirs and but for an origin,
+    where those of now have points."""
     every, rest = list(now), list(then)
     at = np.unique(np.concatenate([table.position_mm for table in every]))
     unit = max(table.quantum_um for table in (*every, *rest))

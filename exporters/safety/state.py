@@ -1,4 +1,5 @@
-"""Theory of operation: was the compensation on while the machine was measured? The data answer, not the statement alone.
+"""Theory of operation: was the compensation on while the machine was measured? The data answer, not
+the statement alone.
 
 An old table of a function was made of an error e, and may be k times of the right size today. The
 survey's finding for this function is
@@ -41,7 +42,8 @@ from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 SIZES = 0.25
-"""Standard deviation of the logarithm of k: old tables of 0.7 to 1.4 of the right size are ordinary."""
+"""Standard deviation of the logarithm of k: old tables of 0.7 to 1.4 of the right size are
+ordinary."""
 CHANGED = 0.15
 """Change of a function between the survey of an old table and today's, as a share of the
 function.
@@ -51,9 +53,11 @@ SEEN = 0.3
 uncertainty.
 """
 CONTRADICTED, DOUBTED = 20.0, 4.0
-"""Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is asked."""
+"""Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is
+asked."""
 NEITHER = (0.43, 0.71)
-"""Shares of tables of 0.7 to 1.4 of the right size lie below while they act, and above while they do not."""
+"""Shares of tables of 0.7 to 1.4 of the right size lie below while they act, and above while they
+do not."""
 FEWEST_BESIDE = 2
 """So many other tables of a kind have to show the size before one of them is judged by itself."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
@@ -81,7 +85,8 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A group of tables: their ``shares``, the mean share with its standard uncertainty, and the ``odds`` of "on" and of "off"."""
+    """A group of tables: their ``shares``, the mean share with its standard uncertainty, and the
+    ``odds`` of "on" and of "off"."""
 
     kind: str
     shares: tuple[Share, ...]
@@ -96,30 +101,44 @@ class Judged:
 
 
 def shares(result: Result, tables: Sequence[Table]) -> list[Share]:
-    """Return the share of every function, and of every squareness, whose old tables are large enough to be seen in a result."""
+    """Return the share of every function, and of every squareness, whose old tables are large
+    enough to be seen in a result."""
     old = [table for table in tables if table.multiplier is None and table.value_um.any()]
-    named = {name: [table for table in old if table.name == name] for name in dict.fromkeys(table.name for table in old)}
-    found = [_of_function(result.errors[name], name, mine) for name, mine in named.items() if name in result.errors]
+    named = {
+        name: [table for table in old if table.name == name]
+        for name in dict.fromkeys(table.name for table in old)
+    }
+    found = [
+        _of_function(result.errors[name], name, mine)
+        for name, mine in named.items()
+        if name in result.errors
+    ]
     found += [_of_squareness(result, name, named) for name in SQUARENESS_SLOPE]
     return [share for share in found if share is not None]
 
 
 def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Share | None:
-    """Return the share of the old tables of a function: of a straightness without its slope, which is a matter of the axes' directions."""
+    """Return the share of the old tables of a function: of a straightness without its slope, which
+    is a matter of the axes' directions."""
     if function.value is None or function.u is None or len(function.value) < 2:
         return None
     at = function.position_mm
     shape = name[1] != name[2] or not function.slope_identified
-    measured, old = (from_first(each, at, shape=shape) for each in (function.value, _error_um(tables, at)))
+    measured, old = (
+        from_first(each, at, shape=shape) for each in (function.value, _error_um(tables, at))
+    )
     if not old.any():
         return None
-    u = float(np.abs(old) @ function.u) / float(old @ old)  # nodes that err together, which is the most that they can do
+    u = float(np.abs(old) @ function.u) / float(
+        old @ old
+    )  # nodes that err together, which is the most that they can do
     fit = regress(measured, old)
     return _seen(name, tables, fit.factor, u, fit.rest_um / fit.asked_um)
 
 
 def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table]]) -> Share | None:
-    """Return the share of a squareness within the slopes of the old tables of its two straightnesses."""
+    """Return the share of a squareness within the slopes of the old tables of its two
+    straightnesses."""
     found = result.squareness.get(name)
     tables = [table for function in SQUARENESS_SLOPE[name] for table in named.get(function, ())]
     if found is None or found.value is None or found.u is None or not tables:
@@ -128,14 +147,23 @@ def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table
     for function, sign in SQUARENESS_SLOPE[name].items():
         mine = named.get(function, ())
         if mine:
-            ends = np.array([min(table.position_mm[0] for table in mine), max(table.position_mm[-1] for table in mine)])
-            old_urad += sign * 1000.0 * float(np.diff(_error_um(mine, ends))[0]) / float(np.ptp(ends))
+            ends = np.array(
+                [
+                    min(table.position_mm[0] for table in mine),
+                    max(table.position_mm[-1] for table in mine),
+                ]
+            )
+            old_urad += (
+                sign * 1000.0 * float(np.diff(_error_um(mine, ends))[0]) / float(np.ptp(ends))
+            )
     if old_urad == 0.0:
         return None
     return _seen(name, tables, found.value / old_urad, found.u / abs(old_urad))
 
 
-def _seen(name: str, tables: Sequence[Table], value: float, u: float, rest: float = 0.0) -> Share | None:
+def _seen(
+    name: str, tables: Sequence[Table], value: float, u: float, rest: float = 0.0
+) -> Share | None:
     kind = "+".join(sorted({table.kind for table in tables}))
     return Share(name=name, kind=kind, value=value, u=u, rest=rest) if u <= SEEN else None
 
@@ -156,17 +184,28 @@ def _group(kind: str, members: Sequence[Share]) -> Judged:
     weights = np.array([(share.u**2 + CHANGED**2) ** -1.0 for share in members])
     value = float(weights @ [share.value for share in members] / weights.sum())
     on, off = (_log_likelihood(members, acted=acted) for acted in (True, False))
-    alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(ALIEN_ODDS)
-    odds = {state: float(one - np.logaddexp(other, alien)) for state, one, other in (("on", on, off), ("off", off, on))}
+    alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(
+        ALIEN_ODDS
+    )
+    odds = {
+        state: float(one - np.logaddexp(other, alien))
+        for state, one, other in (("on", on, off), ("off", off, on))
+    }
     return Judged(
-        kind=kind, shares=tuple(members), value=value, u=float(weights.sum() ** -0.5),
+        kind=kind,
+        shares=tuple(members),
+        value=value,
+        u=float(weights.sum() ** -0.5),
         odds={state: float(np.exp(min(each, 700.0))) for state, each in odds.items()},
-    )  # fmt: skip
+    )
 
 
 def _log_likelihood(members: Sequence[Share], *, acted: bool) -> float:
     """Return the logarithm of the likelihood of shares, integrated over the size of the tables."""
-    return float(np.logaddexp.reduce(_log_sizes(members, acted=acted)) - np.logaddexp.reduce(_log_sizes((), acted=acted)))
+    return float(
+        np.logaddexp.reduce(_log_sizes(members, acted=acted))
+        - np.logaddexp.reduce(_log_sizes((), acted=acted))
+    )
 
 
 def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
@@ -201,24 +240,52 @@ def apart(group: Judged, *, acted: bool) -> list[str]:
         sizes = _log_sizes(rest, acted=acted)
         alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
         other, same = (_log_fit(share, acted=state) for state in (not acted, acted))
-        odds = np.logaddexp.reduce(sizes + other) - np.logaddexp.reduce(sizes + np.logaddexp(same, alien))
-        if share.name not in SQUARENESS_SLOPE and len(rest) >= FEWEST_BESIDE and odds > np.log(DOUBTED):
+        odds = np.logaddexp.reduce(sizes + other) - np.logaddexp.reduce(
+            sizes + np.logaddexp(same, alien)
+        )
+        if (
+            share.name not in SQUARENESS_SLOPE
+            and len(rest) >= FEWEST_BESIDE
+            and odds > np.log(DOUBTED)
+        ):
             found.append(share.name)
     return found if len(found) <= len(group.shares) - FEWEST_BESIDE else []
 
 
 def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
-    """Yield an error where the data contradict what is stated of the compensation ("on" or "off"), a warning where they doubt it."""
+    """Yield an error where the data contradict what is stated of the compensation ("on" or "off"),
+    a warning where they doubt it."""
     for group in judged(shares(result, tables)):
         against = group.odds["on" if stated == "off" else "off"]
-        each = [message("share-of-table", name=share.name, share=share.value) for share in group.shares]
+        each = [
+            message("share-of-table", name=share.name, share=share.value) for share in group.shares
+        ]
         share, expanded = group.value, 2 * group.u
         alone = apart(group, acted=stated == "on") if group.odds[stated] > DOUBTED else []
         if against > CONTRADICTED:
-            text = message("compensation-contradicted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
+            text = message(
+                "compensation-contradicted",
+                names=group.names,
+                stated=stated,
+                share=share,
+                expanded=expanded,
+                each=each,
+            )
             yield finding("error", text)
-        elif against > DOUBTED or (not alone and NEITHER[0] + 1.5 * group.u < group.value < NEITHER[1] - 1.5 * group.u):
-            text = message("compensation-contradicted.doubted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
+        elif against > DOUBTED or (
+            not alone and NEITHER[0] + 1.5 * group.u < group.value < NEITHER[1] - 1.5 * group.u
+        ):
+            text = message(
+                "compensation-contradicted.doubted",
+                names=group.names,
+                stated=stated,
+                share=share,
+                expanded=expanded,
+                each=each,
+            )
             yield finding("warning", text)
         elif alone:
-            yield finding("warning", message("compensation-contradicted.one", names=alone, each=each, stated=stated))
+            yield finding(
+                "warning",
+                message("compensation-contradicted.one", names=alone, each=each, stated=stated),
+            )

@@ -69,7 +69,8 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
-    """The error before and after at points of a volume: ``points_mm``, ``before_um`` and ``after_um`` have shape (N, 3)."""
+    """The error before and after at points of a volume: ``points_mm``, ``before_um`` and
+    ``after_um`` have shape (N, 3)."""
 
     volume: Volume
     points_mm: Vector
@@ -77,7 +78,8 @@ class Effect:
     after_um: Vector
 
     def errors_um(self, *, rigid_motion: bool) -> tuple[Vector, Vector]:
-        """Return the error vectors before and after, with or without the rigid motion of the whole volume."""
+        """Return the error vectors before and after, with or without the rigid motion of the whole
+        volume."""
         if rigid_motion:
             return self.before_um, self.after_um
         return self.rest_um(self.before_um), self.rest_um(self.after_um)
@@ -89,7 +91,8 @@ class Effect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """The effect ``anywhere`` in the volume, which every figure and every refusal is of, and at the points that are ``drawn``."""
+    """The effect ``anywhere`` in the volume, which every figure and every refusal is of, and at the
+    points that are ``drawn``."""
 
     anywhere: Effect
     drawn: Effect
@@ -102,13 +105,15 @@ class Prediction:
         return self.anywhere.volume
 
     def figures(self, *, rigid_motion: bool) -> tuple[Figures, Figures]:
-        """Return the figures before and after, with or without the rigid motion of the whole volume."""
+        """Return the figures before and after, with or without the rigid motion of the whole
+        volume."""
         before, after = self.anywhere.errors_um(rigid_motion=rigid_motion)
         return Figures.of(before), Figures.of(after)
 
     @property
     def worse(self) -> bool:
-        """Return whether the machine errs more with the files than without, rigid motion removed."""
+        """Return whether the machine errs more with the files than without, rigid motion
+        removed."""
         before, after = self.figures(rigid_motion=False)
         return after.largest_um > before.largest_um
 
@@ -119,9 +124,14 @@ class Prediction:
         return after.rms_um > before.rms_um * CLEARLY + ROUNDING_UM
 
     def picture(self) -> dict[str, list[list[float]]]:
-        """Return plain lists for a plot: points in mm, error vectors before and after in um without rigid motion."""
+        """Return plain lists for a plot: points in mm, error vectors before and after in um without
+        rigid motion."""
         before, after = self.drawn.errors_um(rigid_motion=False)
-        return {"points_mm": self.drawn.points_mm.tolist(), "before_um": before.tolist(), "after_um": after.tolist()}
+        return {
+            "points_mm": self.drawn.points_mm.tolist(),
+            "before_um": before.tolist(),
+            "after_um": after.tolist(),
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,19 +152,30 @@ class Verification:
 
     @property
     def right(self) -> bool:
-        """Return whether the files may be loaded: no table is wrong or beyond a limit, and the machine does not get worse."""
+        """Return whether the files may be loaded: no table is wrong or beyond a limit, and the
+        machine does not get worse."""
         within = all(finding.severity != "error" for finding in self.findings)
-        return within and all(each.harmless for each in self.judgements) and not self.prediction.clearly_worse
+        return (
+            within
+            and all(each.harmless for each in self.judgements)
+            and not self.prediction.clearly_worse
+        )
 
 
 def grid_points_mm(volume: Volume, nodes: int = NODES) -> Vector:
     """Return a regular grid over the volume, shape (nodes ** 3, 3)."""
-    axes = [low + size * np.linspace(0.0, 1.0, nodes) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    axes = [
+        low + size * np.linspace(0.0, 1.0, nodes)
+        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
+    ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] = (), nodes: int = NODES) -> Prediction:
-    """Return the effect of ``tables`` on the error field of the result, mean of both directions of travel.
+def predict(
+    result: Result, tables: Sequence[Table], replaced: Sequence[Table] = (), nodes: int = NODES
+) -> Prediction:
+    """Return the effect of ``tables`` on the error field of the result, mean of both directions of
+    travel.
 
     ``replaced`` are tables that were active during the measurement and are replaced by the new
     tables.
@@ -169,25 +190,35 @@ def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] =
 
 
 def _steps_unseen(volume: Volume, replaced: Sequence[Table]) -> Correction | None:
-    """Return what the steps of tables that were active while measuring do between the targets, where the survey did not see them.
+    """Return what the steps of tables that were active while measuring do between the targets,
+    where the survey did not see them.
 
-    The survey's straight lines from target to target hold the steps as they happened to stand there; None where no table steps.
+    The survey's straight lines from target to target hold the steps as they happened to stand
+    there; None where no table steps.
     """
     stepped = [table for table in replaced if table.law.between == "stepped"]
     if not stepped:
         return None
 
     def steps_um(points_mm: Vector) -> Vector:
-        return mean_correction_um(stepped, points_mm) - mean_correction_um([joined(table) for table in stepped], points_mm)
+        return mean_correction_um(stepped, points_mm) - mean_correction_um(
+            [joined(table) for table in stepped], points_mm
+        )
 
     x, y, z = (volume.nodes_mm(axis) for axis in range(3))
     corners = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
-    seen = Lattice(axes_mm=(x, y, z), vectors_um=steps_um(corners.reshape(-1, 3)).reshape(corners.shape))
+    seen = Lattice(
+        axes_mm=(x, y, z), vectors_um=steps_um(corners.reshape(-1, 3)).reshape(corners.shape)
+    )
     return lambda points_mm: steps_um(points_mm) - seen.correction_um(points_mm)
 
 
 def predict_moved(
-    result: Result, moved: Correction, replaced: Correction | None = None, nodes: int = NODES, unseen: Correction | None = None
+    result: Result,
+    moved: Correction,
+    replaced: Correction | None = None,
+    nodes: int = NODES,
+    unseen: Correction | None = None,
 ) -> Prediction:
     """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced``
     acted while measuring.
@@ -207,14 +238,26 @@ def predict_moved(
 
     def at(points_mm: Vector) -> Effect:
         before = error_field_um(result, points_mm) + beside(points_mm)
-        return Effect(volume=result.volume, points_mm=points_mm, before_um=before, after_um=before + added(points_mm))
+        return Effect(
+            volume=result.volume,
+            points_mm=points_mm,
+            before_um=before,
+            after_um=before + added(points_mm),
+        )
 
     anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
-    corrected = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
+    corrected = predicted(
+        result,
+        anywhere.points_mm,
+        anywhere.after_um - anywhere.before_um,
+        beside(anywhere.points_mm),
+    )
     return Prediction(anywhere=anywhere, drawn=drawn, predicted=corrected)
 
 
-def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
+def verify_files(
+    result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES
+) -> Verification:
     """Return the identity of a controller's files, recognised by their contents, and their effect
     on the machine of the result.
 
@@ -247,7 +290,10 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         assumed=reading.assumed,
         tables=tables,
         prediction=prediction,
-        judgements=(*judge(result, tables, standing, reading), *judge_missing(result, controller, tables, reading)),
+        judgements=(
+            *judge(result, tables, standing, reading),
+            *judge_missing(result, controller, tables, reading),
+        ),
         findings=(*limit_findings(controller, reading, result, tables), *findings),
     )
 
@@ -258,11 +304,19 @@ def acting_in(
     """Return the active tables after loading the files, and the tables active during the
     measurement of the result.
     """
-    return _standing(controller, files, tables_in(controller, files, profile), profile).acting(result, profile)
+    return _standing(controller, files, tables_in(controller, files, profile), profile).acting(
+        result, profile
+    )
 
 
-def _standing(controller: Controller, files: Sequence[ControlFile], tables: tuple[Table, ...], profile: Profile) -> Standing:
-    """Return what stands in the control before and after loading; without files of its own, what was read."""
+def _standing(
+    controller: Controller,
+    files: Sequence[ControlFile],
+    tables: tuple[Table, ...],
+    profile: Profile,
+) -> Standing:
+    """Return what stands in the control before and after loading; without files of its own, what
+    was read."""
     if not profile.existing:
         return Standing(after=tables, new=tables)
     tables_in(controller, profile.existing, profile)
@@ -270,14 +324,23 @@ def _standing(controller: Controller, files: Sequence[ControlFile], tables: tupl
     return Standing(before=before, after=after, new=tables)
 
 
-def worse_findings(prediction: Prediction, standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
-    """Yield an error where the machine would err clearly more after loading than while it was measured, or with its old tables."""
+def worse_findings(
+    prediction: Prediction, standing: Standing, result: Result, profile: Profile
+) -> Iterator[Finding]:
+    """Yield an error where the machine would err clearly more after loading than while it was
+    measured, or with its old tables."""
     before, after = (figures.rms_um for figures in prediction.figures(rigid_motion=False))
     then = message("while-measured")
-    old = [table for table in standing.before if identifies(result, table)] if profile.machine.measured_with == "off" else []
+    old = (
+        [table for table in standing.before if identifies(result, table)]
+        if profile.machine.measured_with == "off"
+        else []
+    )
     if old:
         effect = prediction.anywhere
-        with_old = Figures.of(effect.rest_um(effect.before_um + mean_correction_um(old, effect.points_mm))).rms_um
+        with_old = Figures.of(
+            effect.rest_um(effect.before_um + mean_correction_um(old, effect.points_mm))
+        ).rms_um
         if with_old < before:
             before, then = with_old, message("with-old-tables")
     if after > before * CLEARLY + ROUNDING_UM:
@@ -295,10 +358,18 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
             yield finding(
                 "warning",
                 message(
-                    "stretch-worse", axis=one.axis, low=one.low_mm, high_mm=one.high_mm, after=one.after.words(), before=one.before.words()
+                    "stretch-worse",
+                    axis=one.axis,
+                    low=one.low_mm,
+                    high_mm=one.high_mm,
+                    after=one.after.words(),
+                    before=one.before.words(),
                 ),
             )
-    names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
+    names = sorted(
+        {*coarse_functions(result.errors), *hiding_functions(result.errors)},
+        key=DISPLACEMENTS.index,
+    )
     if names:
         yield finding("warning", message("increments-coarse.verify", names=names))
 
@@ -308,10 +379,16 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
     profile.
     """
     on = profile is not None and profile.machine.measured_with == "on"
-    active = lattice.parse(lattice.the_one_in(profile.existing, profile.source)) if profile is not None and on else None
+    active = (
+        lattice.parse(lattice.the_one_in(profile.existing, profile.source))
+        if profile is not None and on
+        else None
+    )
 
     def added(points_mm: Vector) -> Vector:
-        return held.correction_um(points_mm) - (active.correction_um(points_mm) if active is not None else 0.0)
+        return held.correction_um(points_mm) - (
+            active.correction_um(points_mm) if active is not None else 0.0
+        )
 
     prediction = predict_moved(result, added, nodes=nodes)
     return Verification(
@@ -325,7 +402,8 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
 
 
 def controller_for(files: Sequence[ControlFile]) -> Controller:
-    """Return the control whose profile goes with files; a lattice alone is that of LinuxCNC's kinematics component."""
+    """Return the control whose profile goes with files; a lattice alone is that of LinuxCNC's
+    kinematics component."""
     return LinuxCnc() if len(files) == 1 and lattice.recognises(files[0]) else controller_of(files)
 
 
@@ -343,7 +421,13 @@ def controller_of(files: Sequence[ControlFile]) -> Controller:
         named.setdefault(names[0], file.name)
     if len(named) != 1:
         found = (
-            message("comma-list", items=[message("file-of-control", file=file, control=name) for name, file in named.items()])
+            message(
+                "comma-list",
+                items=[
+                    message("file-of-control", file=file, control=name)
+                    for name, file in named.items()
+                ],
+            )
             if named
             else message("no-table-file")
         )

@@ -1,4 +1,5 @@
-"""SINUMERIK CEC: sag, angularity and cross-error compensation, one numbered table per input and output axis.
+"""SINUMERIK CEC: sag, angularity and cross-error compensation, one numbered table per input and
+output axis.
 
 Function manual K3 pp. 243-264: absolute values against the SETPOINT of the base axis, linear
 between points, ends held, optionally for one direction of travel of the base axis only; several
@@ -33,7 +34,8 @@ def law(sense: Sense) -> Law:
 
 
 def assignments(table: Table, profile: Profile, decimals: int, points: int) -> list[str]:
-    """Return the lines of one table: all its points, zeros up to ``points`` (MD18342), then axes, grid and modes."""
+    """Return the lines of one table: all its points, zeros up to ``points`` (MD18342), then axes,
+    grid and modes."""
     index = table.place["table"]
     return [
         *point_lines(table, f"AN_CEC[{index},{{}}]", decimals, points),
@@ -60,18 +62,40 @@ def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Tabl
         elif item.name in _AXES + _GRID + _MODES + _TOLERATED and len(item.index) == 1:
             heads.setdefault(item.index[0], {})[item.name] = item
         elif item.name.startswith("AN_CEC"):
-            raise DataError(item.where, expected=message("cec-variable"), found=f"${item.name}[{','.join(item.index)}]")
-    return tuple(_table(key, values.get(key, {}), heads.get(key, {}), profile, sense, file.name) for key in sorted(values | heads))
+            raise DataError(
+                item.where,
+                expected=message("cec-variable"),
+                found=f"${item.name}[{','.join(item.index)}]",
+            )
+    return tuple(
+        _table(key, values.get(key, {}), heads.get(key, {}), profile, sense, file.name)
+        for key in sorted(values | heads)
+    )
 
 
-def _table(key: str, points: dict[int, Assignment], head: Mapping[str, Assignment], profile: Profile, sense: Sense, source: str) -> Table:
+def _table(
+    key: str,
+    points: dict[int, Assignment],
+    head: Mapping[str, Assignment],
+    profile: Profile,
+    sense: Sense,
+    source: str,
+) -> Table:
     where = f"{source}: table [{key}]"
     missing = [name for name in _AXES + _GRID if name not in head]
     if missing:
-        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
+        raise DataError(
+            where, expected=" ".join(f"${name}" for name in missing), found=message("nothing")
+        )
     if "AN_CEC_IS_MODULO" in head and head["AN_CEC_IS_MODULO"].number() != 0:
-        raise DataError(head["AN_CEC_IS_MODULO"].where, expected=message("linear-axis"), found=head["AN_CEC_IS_MODULO"].value)
-    input_axis, output_axis = (profile.letter_of(head[name].axis(), head[name].where) for name in _AXES)
+        raise DataError(
+            head["AN_CEC_IS_MODULO"].where,
+            expected=message("linear-axis"),
+            found=head["AN_CEC_IS_MODULO"].value,
+        )
+    input_axis, output_axis = (
+        profile.letter_of(head[name].axis(), head[name].where) for name in _AXES
+    )
     step, start, end = (head[name].number() for name in _GRID)
     held = read_points(points, step, start, end, where)
     return Table(

@@ -1,4 +1,5 @@
-"""SINUMERIK 840D, 840D sl, 828D and ONE: EEC for the positioning errors, CEC for straightness with squareness.
+"""SINUMERIK 840D, 840D sl, 828D and ONE: EEC for the positioning errors, CEC for straightness with
+squareness.
 
 A curve corrected per direction of travel goes into two CEC tables with DIRECTION 1 and -1, also for
 a positioning error (K3 p. 264: the same axis as base and compensated axis). Everything else about
@@ -20,7 +21,14 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, read_back, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
 from stepdiag.exporters.siemens.loader import Load
-from stepdiag.exporters.siemens.products import KIND, Budget, chosen, joined, numbered, product_table
+from stepdiag.exporters.siemens.products import (
+    KIND,
+    Budget,
+    chosen,
+    joined,
+    numbered,
+    product_table,
+)
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product
@@ -33,7 +41,8 @@ Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 
 
 class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[siemens]``: measuring system, sizes of the tables in the control, numbers of the CEC tables."""
+    """``[siemens]``: measuring system, sizes of the tables in the control, numbers of the CEC
+    tables."""
 
     measuring_system: Annotated[int, msgspec.Meta(ge=1, le=2)]
     eec_points: dict[str, Size] = {}
@@ -96,19 +105,28 @@ class Siemens:
         return SiemensOptions(measuring_system=1)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return MD38000, MD18342, the number of CEC tables and the slope that MD32730 lets pass, as the profile gives them."""
+        """Return MD38000, MD18342, the number of CEC tables and the slope that MD32730 lets pass,
+        as the profile gives them."""
         options = profile.options_as(SiemensOptions)
         if table.kind == eec.KIND:
             return Limits(points=options.eec_points.get(table.input_axis))
-        # MD32730 is a share of the axis' own top speed: at equal top speeds the correction may move at that share of the base axis' speed.
+        # MD32730 is a share of the axis' own top speed: at equal top speeds the correction may move
+        # at that share of the base axis' speed.
         held = Limits(points=options.cec_points, tables=options.cec_tables_held)
-        return held if options.cec_max_velo is None else replace(held, slope_um_mm=1000.0 * options.cec_max_velo)
+        return (
+            held
+            if options.cec_max_velo is None
+            else replace(held, slope_um_mm=1000.0 * options.cec_max_velo)
+        )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers given out in order."""
+        """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers
+        given out in order."""
         return self._numbered_plan(curves, (), profile, ())
 
-    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
+    def plan_products(
+        self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
+    ) -> Plan:
         """Return the same, and products after them: as many of both as the control has tables, the
         most valuable first.
         """
@@ -116,15 +134,35 @@ class Siemens:
         if not options.products:
             plan = self.plan(curves, profile)
             return replace(plan, findings=(*plan.findings, *_possible(products)))
-        held = None if options.cec_tables_held is None else options.cec_tables_held - options.first_cec_table
-        budget = chosen(curves, {curve.name: _cec_tables(curve, profile) for curve in curves}, products, held)
-        kept = [curve for curve in curves if curve.name in budget.curves or not _cec_tables(curve, profile)]
-        return self._numbered_plan(kept, budget.products, profile, tuple(_chosen_remarks(budget, options)))
+        held = (
+            None
+            if options.cec_tables_held is None
+            else options.cec_tables_held - options.first_cec_table
+        )
+        budget = chosen(
+            curves, {curve.name: _cec_tables(curve, profile) for curve in curves}, products, held
+        )
+        kept = [
+            curve
+            for curve in curves
+            if curve.name in budget.curves or not _cec_tables(curve, profile)
+        ]
+        return self._numbered_plan(
+            kept, budget.products, profile, tuple(_chosen_remarks(budget, options))
+        )
 
-    def _numbered_plan(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile, findings: tuple[Finding, ...]) -> Plan:
+    def _numbered_plan(
+        self,
+        curves: Sequence[Curve],
+        products: Sequence[Product],
+        profile: Profile,
+        findings: tuple[Finding, ...],
+    ) -> Plan:
         options = profile.options_as(SiemensOptions)
         numbers = _free_numbers(options)
-        tables = [table for curve in curves for table in _curve_tables(curve, profile, options, numbers)]
+        tables = [
+            table for curve in curves for table in _curve_tables(curve, profile, options, numbers)
+        ]
         levers: dict[tuple[str, str], int] = {}
         for product in products:
             number = next(numbers)
@@ -132,15 +170,25 @@ class Siemens:
             if key not in levers:
                 levers[key] = next(numbers)
             place = {"table": number, cec.TIMES: levers[key]}
-            tables.append(product_table(product, profile, cec.law(options.cec_sense), options.decimals, place))
+            tables.append(
+                product_table(product, profile, cec.law(options.cec_sense), options.decimals, place)
+            )
         return Plan(tables=tuple(tables), findings=(*findings, *_remarks(tables, options)))
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and ``LOAD_CEC.MPF`` that write the same."""
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
+        """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and
+        ``LOAD_CEC.MPF`` that write the same."""
         options = profile.options_as(SiemensOptions)
         acted = profile.machine.measured_with == "on"
         eec_loads = [
-            Load(table=table, lines=eec.assignments(table, options.decimals, points), held=restore.held_lines(table, profile), acted=acted)
+            Load(
+                table=table,
+                lines=eec.assignments(table, options.decimals, points),
+                held=restore.held_lines(table, profile),
+                acted=acted,
+            )
             for table in tables
             if table.kind == eec.KIND
             for points in [options.eec_points.get(table.input_axis, 0)]
@@ -156,31 +204,47 @@ class Siemens:
         ]
         files: list[ControlFile] = []
         if eec_loads:
-            data = data_file("AX_EEC", [load.lines for load in eec_loads], notes, metric_line=options.metric_line)
+            data = data_file(
+                "AX_EEC", [load.lines for load in eec_loads], notes, metric_line=options.metric_line
+            )
             files += [data, loader.eec_program(eec_loads, notes)]
         if cec_loads:
-            data = data_file("NC_CEC", [load.lines for load in cec_loads], notes, metric_line=options.metric_line)
+            data = data_file(
+                "NC_CEC", [load.lines for load in cec_loads], notes, metric_line=options.metric_line
+            )
             files += [data, loader.cec_program(cec_loads, profile, notes)]
         return tuple(files)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in data files and part programs; the same table in two files must be the same."""
+        """Return the tables in data files and part programs; the same table in two files must be
+        the same."""
         found: dict[tuple[str, str], tuple[Table, str]] = {}
         for file in files:
             tables = self._numbered_in(file, profile)
             if not tables:
-                raise DataError(file.name, expected=message("eec-or-cec"), found=message("none"), remedy=message("data-files"))
+                raise DataError(
+                    file.name,
+                    expected=message("eec-or-cec"),
+                    found=message("none"),
+                    remedy=message("data-files"),
+                )
             for table in tables:
                 _require_full_effect(file, table, profile)
                 key = (table.kind, str(sorted(table.place.items())))
                 if key in found and not _same(found[key][0], table):
                     raise DataError(
-                        file.name, expected=message("same-as-in", label=table.label, file=found[key][1]), found=message("another-one")
+                        file.name,
+                        expected=message("same-as-in", label=table.label, file=found[key][1]),
+                        found=message("another-one"),
                     )
                 found.setdefault(key, (table, file.name))
-        return joined([table for table, _ in found.values()], ", ".join(file.name for file in files))
+        return joined(
+            [table for table, _ in found.values()], ", ".join(file.name for file in files)
+        )
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the active tables: the EEC of each axis for the measuring system in use, and CEC
         tables by number, linked as stored.
 
@@ -193,25 +257,47 @@ class Siemens:
         acting = [table for table in held.values() if _acts(table, profile)]
         return joined(acting, ", ".join(file.name for file in (*own, *new)))
 
-    def emptied(self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile) -> tuple[Table, ...]:
-        """Return zeros for old tables of the same functions under other numbers, and for tables that multiplied what is overwritten."""
+    def emptied(
+        self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
+    ) -> tuple[Table, ...]:
+        """Return zeros for old tables of the same functions under other numbers, and for tables
+        that multiplied what is overwritten."""
         held = {_seat(table): table for file in own for table in self._numbered_in(file, profile)}
         taken = {_seat(table) for table in numbered(tables)}
         names = {table.name for table in tables}
         needed: set[tuple[str, str]] = set()
         for table in self.standing(own, (), profile):
-            seats = {_seat(table)} | ({_numbered_seat(int(table.place[cec.TIMES]))} if table.multiplier is not None else set())
+            seats = {_seat(table)} | (
+                {_numbered_seat(int(table.place[cec.TIMES]))}
+                if table.multiplier is not None
+                else set()
+            )
             if table.name not in names and not seats & taken:
                 needed |= seats
-        gone = [table for seat, table in held.items() if seat not in needed | taken and table.value_um.any() and _acts(table, profile)]
-        return zeroed([replace(table, place={key: value for key, value in table.place.items() if key != cec.TIMES}) for table in gone])
+        gone = [
+            table
+            for seat, table in held.items()
+            if seat not in needed | taken and table.value_um.any() and _acts(table, profile)
+        ]
+        return zeroed(
+            [
+                replace(
+                    table,
+                    place={key: value for key, value in table.place.items() if key != cec.TIMES},
+                )
+                for table in gone
+            ]
+        )
 
     def _numbered_in(self, file: ControlFile, profile: Profile) -> tuple[Table, ...]:
         """Return the tables of a file by the control's numbers, multiplying tables among them."""
-        return eec.read_tables(file, profile) + cec.read_tables(file, profile, profile.options_as(SiemensOptions).cec_sense)
+        return eec.read_tables(file, profile) + cec.read_tables(
+            file, profile, profile.options_as(SiemensOptions).cec_sense
+        )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own files, zeros for the tables they lack, and part programs that load the same and switch off what was not there."""
+        """Return the own files, zeros for the tables they lack, and part programs that load the
+        same and switch off what was not there."""
         options = profile.options_as(SiemensOptions)
         of_screws = [table for table in tables if table.kind == eec.KIND]
         others = [table for table in tables if table.kind != eec.KIND]
@@ -220,7 +306,9 @@ class Siemens:
         if of_screws:
             kinds.append(restore.eec_kind(of_screws, profile, options.decimals, old))
         if others:
-            kinds.append(restore.cec_kind(others, profile, options.decimals, old, sense=options.cec_sense))
+            kinds.append(
+                restore.cec_kind(others, profile, options.decimals, old, sense=options.cec_sense)
+            )
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
@@ -236,8 +324,11 @@ class Siemens:
         return read_back.held_switches(files)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file assigns EEC or CEC variables: the program that reads them out does not."""
-        return file.name != read_back.NAME and (b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data)
+        """Return whether the file assigns EEC or CEC variables: the program that reads them out
+        does not."""
+        return file.name != read_back.NAME and (
+            b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data
+        )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return a row per point: the point numbers are those of the control."""
@@ -245,34 +336,69 @@ class Siemens:
             return plain_rows(table)
         ends = zip(table.multiplier.position_mm, table.multiplier.value, strict=True)
         lever = ", ".join(f"{value:+.3f} at {at:g} mm" for at, value in ends)
-        return (f"the movement is this value times {table.multiplier.axis}: {lever}, straight between", *plain_rows(table))
+        return (
+            f"the movement is this value times {table.multiplier.axis}: {lever}, straight between",
+            *plain_rows(table),
+        )
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps for the service engineer (K3 pp. 237-264; controllers.md 3)."""
         system = profile.options_as(SiemensOptions).measuring_system
         return (
-            "Back up NC data and machine data. Changing MD38000 or MD18342 reformats the static memory at the next start.",
-            f"Check that measuring system {system} is the one in use, and that MD38000 and MD18342 hold at least the points of each table.",
-            "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes and what the control holds, switch off, write, switch on.",
-            "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI and NC_CEC.INI, switch on again.",
-            "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
-            "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",
+            (
+                "Back up NC data and machine data. Changing MD38000 or MD18342 reformats the "
+                "static "
+                "memory at the next start."
+            ),
+            (
+                f"Check that measuring system {system} is the one in use, and that MD38000 and "
+                "MD18342 hold at least the points of each table."
+            ),
+            (
+                "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes and what the control "
+                "holds, "
+                "switch off, write, switch on."
+            ),
+            (
+                "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI "
+                "and NC_CEC.INI, switch on again."
+            ),
+            (
+                "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the "
+                "sums. "
+                "The CEC option must be set (alarm 8040)."
+            ),
+            (
+                "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis "
+                "referenced: reference all axes."
+            ),
             f"Run {read_back.NAME} and compare what it wrote (READ BACK below).",
-            "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files:",
-            "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables with their switches and weights as they were, and zeros,",
-            "switched off, where there were none. Restored by hand, MD32700, MD32710, SD41300 and SD41310 go back to what the backup says.",
+            (
+                "The positions on the screen do not show the compensation. Measure again; if the "
+                "residual has grown, load the restore files:"
+            ),
+            (
+                "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables with their "
+                "switches and weights as they were, and zeros,"
+            ),
+            (
+                "switched off, where there were none. Restored by hand, MD32700, MD32710, SD41300 "
+                "and SD41310 go back to what the backup says."
+            ),
         )
 
 
 def _seat(table: Table) -> tuple[str, str]:
-    """Return where the control keeps a table: an EEC by measuring system and axis, a CEC by its number."""
+    """Return where the control keeps a table: an EEC by measuring system and axis, a CEC by its
+    number."""
     if table.kind == eec.KIND:
         return eec.KIND, f"{table.place['measuring system']},{table.place['axis']}"
     return _numbered_seat(int(table.place["table"]))
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table is of the measuring system in use; without a profile that is unknown."""
+    """Return whether a table is of the measuring system in use; without a profile that is
+    unknown."""
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
 
@@ -281,13 +407,27 @@ def _numbered_seat(number: int) -> tuple[str, str]:
     return cec.KIND, str(number)
 
 
-def _curve_tables(curve: Curve, profile: Profile, options: SiemensOptions, numbers: Iterator[int]) -> Sequence[Table]:
+def _curve_tables(
+    curve: Curve, profile: Profile, options: SiemensOptions, numbers: Iterator[int]
+) -> Sequence[Table]:
     quantum_um = 1000.0 * 10.0**-options.decimals
     if _cec_tables(curve, profile):
-        planned = absolute_tables(curve, profile, kind=cec.KIND, law=cec.law(options.cec_sense), quantum_um=quantum_um, place={})
+        planned = absolute_tables(
+            curve,
+            profile,
+            kind=cec.KIND,
+            law=cec.law(options.cec_sense),
+            quantum_um=quantum_um,
+            place={},
+        )
         return _numbered(planned, options, numbers, profile)
-    place: dict[str, int | str] = {"measuring system": options.measuring_system, "axis": profile.axis(curve.input_axis).name}
-    return absolute_tables(curve, profile, kind=eec.KIND, law=eec.LAW, quantum_um=quantum_um, place=place)
+    place: dict[str, int | str] = {
+        "measuring system": options.measuring_system,
+        "axis": profile.axis(curve.input_axis).name,
+    }
+    return absolute_tables(
+        curve, profile, kind=eec.KIND, law=eec.LAW, quantum_um=quantum_um, place=place
+    )
 
 
 def _cec_tables(curve: Curve, profile: Profile) -> int:
@@ -307,10 +447,20 @@ def _possible(products: Sequence[Product]) -> Iterator[Finding]:
 
 def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding]:
     if budget.products:
-        held = [message("product-rms", name=product.name, rms_um=product.rms_um) for product in budget.products]
+        held = [
+            message("product-rms", name=product.name, rms_um=product.rms_um)
+            for product in budget.products
+        ]
         yield finding("info", message("products-possible.written", held=held))
     if budget.left_out:
-        yield finding("info", message("function-left-out.tables", held=str(options.cec_tables_held), left_out=budget.left_out))
+        yield finding(
+            "info",
+            message(
+                "function-left-out.tables",
+                held=str(options.cec_tables_held),
+                left_out=budget.left_out,
+            ),
+        )
 
 
 def _free_numbers(options: SiemensOptions) -> Iterator[int]:
@@ -322,7 +472,9 @@ def _free_numbers(options: SiemensOptions) -> Iterator[int]:
         number += 1
 
 
-def _numbered(planned: Sequence[Table], options: SiemensOptions, free: Iterator[int], profile: Profile) -> list[Table]:
+def _numbered(
+    planned: Sequence[Table], options: SiemensOptions, free: Iterator[int], profile: Profile
+) -> list[Table]:
     given = options.cec_tables.get(planned[0].name)
     if given is not None and len(given) != len(planned):
         raise UsageError(
@@ -330,11 +482,18 @@ def _numbered(planned: Sequence[Table], options: SiemensOptions, free: Iterator[
             expected=message("table-numbers", count=len(planned)),
             found=str(given),
         )
-    return [replace(table, place={"table": given[index] if given is not None else next(free)}) for index, table in enumerate(planned)]
+    return [
+        replace(table, place={"table": given[index] if given is not None else next(free)})
+        for index, table in enumerate(planned)
+    ]
 
 
 def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Finding]:
-    sized = {eec.KIND: bool(options.eec_points), cec.KIND: options.cec_points is not None, KIND: options.cec_points is not None}
+    sized = {
+        eec.KIND: bool(options.eec_points),
+        cec.KIND: options.cec_points is not None,
+        KIND: options.cec_points is not None,
+    }
     if any(not sized[table.kind] for table in tables):
         yield finding("info", message("surplus-points-unknown"))
     if any(table.kind == cec.KIND for table in tables):
@@ -342,11 +501,14 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:
-    """Raise ``DataError`` for a table that its own part program switches off or weighs; zeros are the same either way."""
+    """Raise ``DataError`` for a table that its own part program switches off or weighs; zeros are
+    the same either way."""
     if not is_program(file) or not table.value_um.any():
         return
     if table.kind == eec.KIND:
-        switch = f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},{table.place['axis']}]"
+        switch = (
+            f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},{table.place['axis']}]"
+        )
         require_full_effect(file, table.label, (switch,), "")
         return
     number, axis = table.place["table"], profile.axis(table.output_axis).name

@@ -1,7 +1,9 @@
-"""SINUMERIK EEC: leadscrew and measuring-system error compensation, one table per axis and measuring system.
+"""SINUMERIK EEC: leadscrew and measuring-system error compensation, one table per axis and
+measuring system.
 
-Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: absolute values, linear between points, first and last held outside; "a positive
-compensation value causes the corresponding machine axis to move in the negative direction", so the table holds the error itself.
+Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: absolute values, linear between points, first
+and last held outside; "a positive compensation value causes the corresponding machine axis to move
+in the negative direction", so the table holds the error itself.
 """
 
 from stepdiag.base.errors import DataError
@@ -20,7 +22,8 @@ _HEAD = ("AA_ENC_COMP_STEP", "AA_ENC_COMP_MIN", "AA_ENC_COMP_MAX", "AA_ENC_COMP_
 
 
 def assignments(table: Table, decimals: int, points: int) -> list[str]:
-    """Return the lines of one table: all its points, zeros up to ``points`` (MD38000), then the grid (K3 p. 242)."""
+    """Return the lines of one table: all its points, zeros up to ``points`` (MD38000), then the
+    grid (K3 p. 242)."""
     system, axis = table.place["measuring system"], table.place["axis"]
     index = int(system) - 1
     return [
@@ -31,7 +34,8 @@ def assignments(table: Table, decimals: int, points: int) -> list[str]:
 
 
 def read_tables(file: ControlFile, profile: Profile) -> tuple[Table, ...]:
-    """Return the EEC tables of a file. Raises ``DataError`` with file and line, ``UsageError`` for a foreign axis."""
+    """Return the EEC tables of a file. Raises ``DataError`` with file and line, ``UsageError`` for
+    a foreign axis."""
     values: dict[tuple[str, str], dict[int, Assignment]] = {}
     heads: dict[tuple[str, str], dict[str, Assignment]] = {}
     for item in read_assignments(file):
@@ -41,19 +45,36 @@ def read_tables(file: ControlFile, profile: Profile) -> tuple[Table, ...]:
         elif item.name in _HEAD and len(item.index) == 2:
             heads.setdefault((item.index[0], item.index[1]), {})[item.name] = item
         elif item.name.startswith(_VALUE):
-            raise DataError(item.where, expected=message("eec-variable"), found=f"${item.name}[{','.join(item.index)}]")
-    return tuple(_table(key, values.get(key, {}), heads.get(key, {}), profile, file.name) for key in sorted(values | heads))
+            raise DataError(
+                item.where,
+                expected=message("eec-variable"),
+                found=f"${item.name}[{','.join(item.index)}]",
+            )
+    return tuple(
+        _table(key, values.get(key, {}), heads.get(key, {}), profile, file.name)
+        for key in sorted(values | heads)
+    )
 
 
-def _table(key: tuple[str, str], points: dict[int, Assignment], head: dict[str, Assignment], profile: Profile, source: str) -> Table:
+def _table(
+    key: tuple[str, str],
+    points: dict[int, Assignment],
+    head: dict[str, Assignment],
+    profile: Profile,
+    source: str,
+) -> Table:
     system, axis = key
     where = f"{source}: table [{system},{axis}]"
     missing = [name for name in _HEAD if name not in head]
     if missing:
-        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
+        raise DataError(
+            where, expected=" ".join(f"${name}" for name in missing), found=message("nothing")
+        )
     step, start, end, modulo = (head[name].number() for name in _HEAD)
     if modulo:
-        raise DataError(head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary-axis"))
+        raise DataError(
+            head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary-axis")
+        )
     letter = profile.letter_of(axis, head[_HEAD[0]].where)
     held = read_points(points, step, start, end, where)
     return Table(

@@ -1,8 +1,10 @@
-"""The text of SINUMERIK data files: assignments of system variables, as archives and services read and write them.
+"""The text of SINUMERIK data files: assignments of system variables, as archives and services read
+and write them.
 
-A data file is ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments, ``M17`` (controllers.md 3.1, 3.2:
-manual samples and a production archive, which has no ``%`` line and starts with ``METRIC``). Comments begin with ``;``. A part program
-holds the same assignments among statements; its loops zero surplus points and are passed over here.
+A data file is ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments, ``M17``
+(controllers.md 3.1, 3.2: manual samples and a production archive, which has no ``%`` line and
+starts with ``METRIC``). Comments begin with ``;``. A part program holds the same assignments among
+statements; its loops zero surplus points and are passed over here.
 """
 
 import re
@@ -14,9 +16,13 @@ from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
 
-_ASSIGNMENT = re.compile(r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)\Z")
+_ASSIGNMENT = re.compile(
+    r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)\Z"
+)
 _SWITCH = re.compile(
-    r"^(?:N\d+\s*)?\$(?P<name>MA_ENC_COMP_ENABLE|MA_CEC_ENABLE|SN_CEC_TABLE_ENABLE|SN_CEC_TABLE_WEIGHT)\[(?P<index>[^\]]*)\]"
+    r"^(?:N\d+\s*)?\$(?P<name>"
+    r"MA_ENC_COMP_ENABLE|MA_CEC_ENABLE|SN_CEC_TABLE_ENABLE|SN_CEC_TABLE_WEIGHT)\[(?P<index>"
+    r"[^\]]*)\]"
     r"\s*=\s*(?P<value>\S+)\Z"
 )
 _FRAME = re.compile(r"^(%_N_\w+_INI|METRIC|CHANDATA\(\d+\))\Z")
@@ -46,9 +52,17 @@ class Assignment:
         return self.value.removeprefix("(").removesuffix(")")
 
 
-def data_file(name: str, groups: Sequence[Sequence[str]], notes: Sequence[str], *, metric_line: bool) -> ControlFile:
-    """Return ``<name>.INI`` with the assignments of each table, ``notes`` as comments at its head."""
-    head = [f"%_N_{name}_INI", *(f"; {note}" for note in notes), *(["METRIC"] if metric_line else []), "CHANDATA(1)"]
+def data_file(
+    name: str, groups: Sequence[Sequence[str]], notes: Sequence[str], *, metric_line: bool
+) -> ControlFile:
+    """Return ``<name>.INI`` with the assignments of each table, ``notes`` as comments at its
+    head."""
+    head = [
+        f"%_N_{name}_INI",
+        *(f"; {note}" for note in notes),
+        *(["METRIC"] if metric_line else []),
+        "CHANDATA(1)",
+    ]
     lines = [*head, *(line for group in groups for line in group), "M17", ""]
     return ControlFile(name=f"{name}.INI", data="\n".join(lines).encode("ascii"))
 
@@ -61,7 +75,8 @@ def is_program(file: ControlFile) -> bool:
 def read_assignments(file: ControlFile) -> list[Assignment]:
     """Return the EEC and CEC assignments of a data file or part program, in order.
 
-    Raises ``DataError`` with the line for anything that a data file cannot hold, for inches, and for a file without its end.
+    Raises ``DataError`` with the line for anything that a data file cannot hold, for inches, and
+    for a file without its end.
     """
     program = is_program(file)
     found: list[Assignment] = []
@@ -72,22 +87,32 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
         if match := _ASSIGNMENT.match(line):
             if match["name"].startswith(_COMPENSATION):
                 index = tuple(part.strip() for part in match["index"].split(","))
-                found.append(Assignment(name=match["name"], index=index, value=match["value"], where=where))
+                found.append(
+                    Assignment(name=match["name"], index=index, value=match["value"], where=where)
+                )
         elif _SWITCH.match(line):
             continue
         elif line == "INCH":
-            raise DataError(where, expected=message("metric-file"), found="INCH", remedy=message("metric-back"))
+            raise DataError(
+                where, expected=message("metric-file"), found="INCH", remedy=message("metric-back")
+            )
         elif _END.match(line):
             ended = True
         elif not program and not _FRAME.match(line):
             raise DataError(where, expected=message("sinumerik-assignment"), found=line)
     if not ended:
-        raise DataError(file.name, expected=message("ends-with-m17"), found=message("no-eof"), remedy=message("file-truncated"))
+        raise DataError(
+            file.name,
+            expected=message("ends-with-m17"),
+            found=message("no-eof"),
+            remedy=message("file-truncated"),
+        )
     return found
 
 
 def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
-    """Return the switches and weights that files leave, by variable with its index, such as ``SN_CEC_TABLE_ENABLE[0]``."""
+    """Return the switches and weights that files leave, by variable with its index, such as
+    ``SN_CEC_TABLE_ENABLE[0]``."""
     last: dict[str, str] = {}
     for file in files:
         for _, line in _lines(file):
@@ -97,10 +122,13 @@ def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
     return last
 
 
-def require_full_effect(file: ControlFile, table: Message, switches: Iterable[str], weight: str) -> None:
+def require_full_effect(
+    file: ControlFile, table: Message, switches: Iterable[str], weight: str
+) -> None:
     """Raise ``DataError`` if a part program leaves a table with values switched off, or weighs it.
 
-    ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``; the last assignment counts.
+    ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``;
+    the last assignment counts.
     """
     last: dict[str, tuple[str, str]] = {}
     for where, line in _lines(file):
@@ -110,10 +138,20 @@ def require_full_effect(file: ControlFile, table: Message, switches: Iterable[st
     for name in switches:
         where, value = last.get(name, ("", "1"))
         if value in ("0", "FALSE"):
-            raise DataError(where, expected=message("switched-on", table=table), found=f"${name}={value}", remedy=message("tables-act"))
+            raise DataError(
+                where,
+                expected=message("switched-on", table=table),
+                found=f"${name}={value}",
+                remedy=message("tables-act"),
+            )
     where, value = last.get(weight, ("", "1"))
     if finite(value, where) != 1.0:
-        raise DataError(where, expected=message("weight-one", table=table), found=f"${weight}={value}", remedy=message("bring-weight"))
+        raise DataError(
+            where,
+            expected=message("weight-one", table=table),
+            found=f"${weight}={value}",
+            remedy=message("bring-weight"),
+        )
 
 
 def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
@@ -137,9 +175,17 @@ def grid_mm(start: float, step: float, end: float, written: int, where: str) -> 
     needs more than the ``written`` points.
     """
     if step <= 0 or end <= start:
-        raise DataError(where, expected=message("step-above"), found=f"MIN {start:g}, MAX {end:g}, STEP {step:g}")
+        raise DataError(
+            where,
+            expected=message("step-above"),
+            found=f"MIN {start:g}, MAX {end:g}, STEP {step:g}",
+        )
     if (end - start) / step > written:
-        raise DataError(where, expected=message("points-min-max", count=(end - start) / step + 1), found=f"{written}")
+        raise DataError(
+            where,
+            expected=message("points-min-max", count=(end - start) / step + 1),
+            found=f"{written}",
+        )
     count = int((end - start) / step + 1e-9)
     grid = [start + step * index for index in range(count + 1)]
     return grid if abs(grid[-1] - end) <= 1e-6 else [*grid, end]

@@ -1,7 +1,8 @@
-"""Part programs that load SINUMERIK tables: guards first, then switch off, write, switch on (controllers.md 3.3).
+"""Part programs that load SINUMERIK tables: guards first, then switch off, write, switch on
+(controllers.md 3.3).
 
-The pattern of NEWCONF and STOPRE is that of a builder's production program. Nothing is switched off before every guard has passed, so a
-refusal leaves the machine as it was.
+The pattern of NEWCONF and STOPRE is that of a builder's production program. Nothing is switched off
+before every guard has passed, so a refusal leaves the machine as it was.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,8 @@ _REFUSALS = {
     "NOT_METRIC": "THE CONTROL IS NOT SCALED METRIC: NOTHING WRITTEN",
     "TOO_SMALL": "MD38000 OR MD18342 IS TOO SMALL FOR THE TABLE: NOTHING WRITTEN",
     "SUM_TOO_LARGE": "MD32720 IS BELOW THE LARGEST CEC VALUE: NOTHING WRITTEN",
-    "OTHER_TABLES": "THE CONTROL DOES NOT HOLD WHAT machine.existing STATES: NOTHING WRITTEN, READ IT OUT",
+    "OTHER_TABLES": "THE CONTROL DOES NOT HOLD WHAT machine.existing STATES: NOTHING WRITTEN, "
+    "READ IT OUT",
 }
 _DIGIT_MM = 1e-5
 """Values may differ by the digit that archives leave out."""
@@ -27,10 +29,12 @@ _DIGIT_MM = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """One table to be loaded: its assignments, points first, whether it is to act afterwards, and with which weight (CEC).
+    """One table to be loaded: its assignments, points first, whether it is to act afterwards, and
+    with which weight (CEC).
 
-    ``held`` are the assignments that the machine's own files have for it: the program writes only where the control holds these values or
-    already the new ones. None: whatever it holds. ``acted``: these acted while measuring, so that they are on and have the weight 1.
+    ``held`` are the assignments that the machine's own files have for it: the program writes only
+    where the control holds these values or already the new ones. None: whatever it holds.
+    ``acted``: these acted while measuring, so that they are on and have the weight 1.
     """
 
     table: Table
@@ -43,18 +47,30 @@ class Load:
 
 def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
     """Return ``LOAD_EEC.MPF`` for EEC tables; a table that is not to act stays switched off."""
-    keys = [f"{int(load.table.place['measuring system']) - 1},{load.table.place['axis']}" for load in loads]
+    keys = [
+        f"{int(load.table.place['measuring system']) - 1},{load.table.place['axis']}"
+        for load in loads
+    ]
     body = ["IF $MN_SCALING_SYSTEM_IS_METRIC==0 GOTOF NOT_METRIC"]
     body += [
-        f"IF $MA_MM_ENC_COMP_MAX_POINTS[{key}]<{len(load.table.position_mm)} GOTOF TOO_SMALL" for key, load in zip(keys, loads, strict=True)
+        f"IF $MA_MM_ENC_COMP_MAX_POINTS[{key}]<{len(load.table.position_mm)} GOTOF TOO_SMALL"
+        for key, load in zip(keys, loads, strict=True)
     ]
     for key, load in zip(keys, loads, strict=True):
-        body += _known("$AA_ENC_COMP[{},POINT,{}]".format(*key.split(",")), f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]", load)
+        body += _known(
+            "$AA_ENC_COMP[{},POINT,{}]".format(*key.split(",")),
+            f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]",
+            load,
+        )
         body += _acted(load, f"$MA_ENC_COMP_ENABLE[{key}]==0")
     for key, load in zip(keys, loads, strict=True):
         system, axis = key.split(",")
         body += [f"$MA_ENC_COMP_ENABLE[{key}]=0", "NEWCONF", "STOPRE", *load.lines]
-        body += _zero_surplus(f"$AA_ENC_COMP[{system},POINT,{axis}]", f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]", _points(load.lines))
+        body += _zero_surplus(
+            f"$AA_ENC_COMP[{system},POINT,{axis}]",
+            f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]",
+            _points(load.lines),
+        )
         body += ["STOPRE", "NEWCONF"]
         if load.active:
             body += [f"$MA_ENC_COMP_ENABLE[{key}]=1", "STOPRE", "NEWCONF"]
@@ -66,48 +82,71 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
     does an axis without active tables.
     """
     tables = [load.table for load in loads]
-    outputs = {letter: profile.axis(letter).name for letter in dict.fromkeys(table.output_axis for table in tables)}
+    outputs = {
+        letter: profile.axis(letter).name
+        for letter in dict.fromkeys(table.output_axis for table in tables)
+    }
     indices = [table.place["table"] for table in tables]
     body = ["IF $MN_SCALING_SYSTEM_IS_METRIC==0 GOTOF NOT_METRIC"]
-    body += [f"IF $MA_CEC_SCALING_SYSTEM_METRIC[{axis}]==0 GOTOF NOT_METRIC" for axis in outputs.values()]
     body += [
-        f"IF $MN_MM_CEC_MAX_POINTS[{index}]<{len(table.position_mm)} GOTOF TOO_SMALL" for index, table in zip(indices, tables, strict=True)
+        f"IF $MA_CEC_SCALING_SYSTEM_METRIC[{axis}]==0 GOTOF NOT_METRIC" for axis in outputs.values()
     ]
-    body += [f"IF $MA_CEC_MAX_SUM[{axis}]<{fixed(total, 4)} GOTOF SUM_TOO_LARGE" for axis, total in _largest_sums(tables, outputs).items()]
+    body += [
+        f"IF $MN_MM_CEC_MAX_POINTS[{index}]<{len(table.position_mm)} GOTOF TOO_SMALL"
+        for index, table in zip(indices, tables, strict=True)
+    ]
+    body += [
+        f"IF $MA_CEC_MAX_SUM[{axis}]<{fixed(total, 4)} GOTOF SUM_TOO_LARGE"
+        for axis, total in _largest_sums(tables, outputs).items()
+    ]
     for index, load in zip(indices, loads, strict=True):
         body += _known(f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", load)
-        body += _acted(load, f"$SN_CEC_TABLE_ENABLE[{index}]==0", f"$SN_CEC_TABLE_WEIGHT[{index}]<>1")
+        body += _acted(
+            load, f"$SN_CEC_TABLE_ENABLE[{index}]==0", f"$SN_CEC_TABLE_WEIGHT[{index}]<>1"
+        )
     for axis in outputs.values():
         body += [f"$MA_CEC_ENABLE[{axis}]=FALSE", "NEWCONF"]
     for index, load in zip(indices, loads, strict=True):
         body += [f"$SN_CEC_TABLE_ENABLE[{index}]=FALSE", "NEWCONF", *load.lines]
-        body += _zero_surplus(f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", _points(load.lines))
+        body += _zero_surplus(
+            f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", _points(load.lines)
+        )
         body += [f"$SN_CEC_TABLE_WEIGHT[{index}]={load.weight:g}"]
     for letter, axis in outputs.items():
         if any(load.active for load in loads if load.table.output_axis == letter):
             body += [f"$MA_CEC_ENABLE[{axis}]=TRUE", "NEWCONF"]
-    body += [f"$SN_CEC_TABLE_ENABLE[{index}]=TRUE" for index, load in zip(indices, loads, strict=True) if load.active]
+    body += [
+        f"$SN_CEC_TABLE_ENABLE[{index}]=TRUE"
+        for index, load in zip(indices, loads, strict=True)
+        if load.active
+    ]
     return _program("LOAD_CEC", [*body, "NEWCONF", "STOPRE"], notes)
 
 
 def _known(variable: str, size: str, load: Load) -> list[str]:
-    """Return the lines that leave a program where the control holds neither the old values nor the new ones: sums of values times their
-    number from 1, which an exchange of two changes as well."""
+    """Return the lines that leave a program where the control holds neither the old values nor the
+    new ones: sums of values times their number from 1, which an exchange of two changes as well."""
     if load.held is None:
         return []
     least = _DIGIT_MM * len(load.table.position_mm) ** 2
-    off = [f"(ABS(HELD-({fixed(_weighed_mm(lines), 6)}))>{fixed(least, 6)})" for lines in (load.held, load.lines)]
+    off = [
+        f"(ABS(HELD-({fixed(_weighed_mm(lines), 6)}))>{fixed(least, 6)})"
+        for lines in (load.held, load.lines)
+    ]
     loop = [f"FOR POINT=0 TO {size}-1", f"HELD=HELD+(POINT+1)*{variable}", "ENDFOR"]
     return ["HELD=0", *loop, f"IF {' AND '.join(off)} GOTOF OTHER_TABLES"]
 
 
 def _acted(load: Load, *unlike: str) -> list[str]:
-    """Return the lines that leave a program where a table that acted while measuring does not act now."""
+    """Return the lines that leave a program where a table that acted while measuring does not act
+    now."""
     return [f"IF {state} GOTOF OTHER_TABLES" for state in unlike if load.acted and load.held]
 
 
 def _weighed_mm(assignments: Sequence[str]) -> float:
-    points = (line.partition("[")[2].partition("]=") for line in assignments if line.startswith(_POINTS))
+    points = (
+        line.partition("[")[2].partition("]=") for line in assignments if line.startswith(_POINTS)
+    )
     return sum((int(index.split(",")[1]) + 1) * float(value) for index, _, value in points)
 
 
@@ -117,14 +156,18 @@ def _points(assignments: Sequence[str]) -> int:
 
 
 def _zero_surplus(variable: str, size: str, written: int) -> list[str]:
-    """Return the loop that zeroes the points above the table, which would keep old values (K3, CAUTION)."""
+    """Return the loop that zeroes the points above the table, which would keep old values (K3,
+    CAUTION)."""
     return [f"FOR POINT={written} TO {size}-1", f"{variable}=0", "ENDFOR"]
 
 
 def _largest_sums(tables: Sequence[Table], outputs: Mapping[str, str]) -> dict[str, float]:
     """Return, per output axis name, a bound in mm of the sum of all its tables."""
     return {
-        name: sum(float(np.max(np.abs(table.value_um))) for table in tables if table.output_axis == letter) / 1000.0
+        name: sum(
+            float(np.max(np.abs(table.value_um))) for table in tables if table.output_axis == letter
+        )
+        / 1000.0
         for letter, name in outputs.items()
     }
 
@@ -133,6 +176,10 @@ def _program(name: str, body: Sequence[str], notes: Sequence[str]) -> ControlFil
     sums = ["DEF REAL HELD"] if "HELD=0" in body else []
     lines = [*(f"; {note}" for note in notes), "DEF INT POINT", *sums, *body]
     lines += ['MSG("TABLES WRITTEN: NCK RESET, THEN REFERENCE ALL AXES")', "M0", "M30"]
-    for label in (each for each in _REFUSALS if any(line.endswith(f" GOTOF {each}") for line in body)):
+    for label in (
+        each for each in _REFUSALS if any(line.endswith(f" GOTOF {each}") for line in body)
+    ):
         lines += [f"{label}:", f'MSG("{_REFUSALS[label]}")', "M0", "M30"]
-    return ControlFile(name=f"{name}.MPF", data="\n".join([*lines, ""]).encode("ascii"), role="program")
+    return ControlFile(
+        name=f"{name}.MPF", data="\n".join([*lines, ""]).encode("ascii"), role="program"
+    )

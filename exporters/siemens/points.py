@@ -1,4 +1,5 @@
-"""Points and grid of one table, which EEC and CEC write and read alike (function manual K3 pp. 237-264)."""
+"""Points and grid of one table, which EEC and CEC write and read alike (function manual K3 pp.
+237-264)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,24 +26,32 @@ class Points:
 
 
 def point_lines(table: Table, variable: str, decimals: int, points: int) -> list[str]:
-    """Return the assignments of all points in mm, ``variable`` holding ``{}`` for the number, zeros up to ``points``.
+    """Return the assignments of all points in mm, ``variable`` holding ``{}`` for the number, zeros
+    up to ``points``.
 
     Points that are not written keep their old values (K3, CAUTION): the surplus is written as 0.
     """
     values = [float(value) / 1000 for value in table.value_um]
     values += [0.0] * (points - len(values))
-    return [f"${variable.format(number)}={fixed(value, decimals)}" for number, value in enumerate(values)]
+    return [
+        f"${variable.format(number)}={fixed(value, decimals)}"
+        for number, value in enumerate(values)
+    ]
 
 
 def grid_lines(table: Table, variable: str, place: str) -> list[str]:
-    """Return the assignments of the grid of the table at ``place``: step, first and last position in mm."""
+    """Return the assignments of the grid of the table at ``place``: step, first and last position
+    in mm."""
     first, second, last = (float(table.position_mm[index]) for index in (0, 1, -1))
     named = (("STEP", second - first), ("MIN", first), ("MAX", last))
     return [f"${variable}_{name}[{place}]={shortest(value)}" for name, value in named]
 
 
-def read_points(written: Mapping[int, Assignment], step_mm: float, start_mm: float, end_mm: float, where: str) -> Points:
-    """Return the points of a table; every one up to its last must have been written (``DataError``).
+def read_points(
+    written: Mapping[int, Assignment], step_mm: float, start_mm: float, end_mm: float, where: str
+) -> Points:
+    """Return the points of a table; every one up to its last must have been written
+    (``DataError``).
 
     Between two points, where a foreign table ends off its grid, the value is the interpolated one.
     """
@@ -59,7 +68,11 @@ def read_points(written: Mapping[int, Assignment], step_mm: float, start_mm: flo
             remedy=message("take-again"),
         )
     numbers = sorted(written)
-    value_um = np.interp(position, start_mm + step_mm * np.array(numbers), [written[number].number() * 1000 for number in numbers])
+    value_um = np.interp(
+        position,
+        start_mm + step_mm * np.array(numbers),
+        [written[number].number() * 1000 for number in numbers],
+    )
     return Points(position_mm=position, value_um=value_um, quantum_um=_quantum_um(written))
 
 

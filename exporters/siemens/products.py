@@ -34,8 +34,11 @@ _MOST = 12
 """Products weighed against each other: more than the useful angles of a machine with three axes."""
 
 
-def product_table(product: Product, profile: Profile, law: Law, decimals: int, place: Mapping[str, int | str]) -> Table:
-    """Return the table of a product on the grids of its two axes, to the resolution that both tables have."""
+def product_table(
+    product: Product, profile: Profile, law: Law, decimals: int, place: Mapping[str, int | str]
+) -> Table:
+    """Return the table of a product on the grids of its two axes, to the resolution that both
+    tables have."""
     grid, by = profile.grid_mm(product.input_axis), profile.grid_mm(product.by_axis)[[0, -1]]
     lever = (by - product.middle_mm) / product.half_mm
     largest = float(np.max(np.abs(lever)))
@@ -52,7 +55,9 @@ def product_table(product: Product, profile: Profile, law: Law, decimals: int, p
         law=law,
         reference_mm=profile.axis(product.input_axis).reference_mm,
         place=place,
-        multiplier=Multiplier(axis=product.by_axis, position_mm=by, value=quantised(lever / largest, step)),
+        multiplier=Multiplier(
+            axis=product.by_axis, position_mm=by, value=quantised(lever / largest, step)
+        ),
     )
 
 
@@ -67,7 +72,12 @@ class Budget:
     left_out: tuple[str, ...]
 
 
-def chosen(curves: Sequence[Curve], tables_of: Mapping[str, int], products: Sequence[Product], tables: int | None) -> Budget:
+def chosen(
+    curves: Sequence[Curve],
+    tables_of: Mapping[str, int],
+    products: Sequence[Product],
+    tables: int | None,
+) -> Budget:
     """Return the most valuable curves and products within ``tables`` CEC tables (None: without a
     limit).
 
@@ -83,13 +93,17 @@ def chosen(curves: Sequence[Curve], tables_of: Mapping[str, int], products: Sequ
             room = None if tables is None else tables - taken_by(some)
             kept = _most_valuable(worth, tables_of, room)
             if kept is not None:
-                held = sum(worth[name] ** 2 for name in kept) + sum(product.rms_um**2 for product in some)
+                held = sum(worth[name] ** 2 for name in kept) + sum(
+                    product.rms_um**2 for product in some
+                )
                 if best is None or held > best[0] + 1e-12:
                     best = held, kept, some
     if best is None:
         return Budget(curves=(), products=(), left_out=tuple(worth))
     _, kept, some = best
-    left = [name for name in worth if name not in kept] + [product.name for product in given if product not in some]
+    left = [name for name in worth if name not in kept] + [
+        product.name for product in given if product not in some
+    ]
     return Budget(curves=kept, products=tuple(some), left_out=tuple(left))
 
 
@@ -98,8 +112,11 @@ def taken_by(products: Sequence[Product]) -> int:
     return len(products) + len({(product.by_axis, product.output_axis) for product in products})
 
 
-def _most_valuable(worth: Mapping[str, float], tables_of: Mapping[str, int], room: int | None) -> tuple[str, ...] | None:
-    """Return the curves to keep in ``room`` tables, the most valuable a table first; None where there is no room at all."""
+def _most_valuable(
+    worth: Mapping[str, float], tables_of: Mapping[str, int], room: int | None
+) -> tuple[str, ...] | None:
+    """Return the curves to keep in ``room`` tables, the most valuable a table first; None where
+    there is no room at all."""
     if room is None:
         return tuple(worth)
     if room < 0:
@@ -122,7 +139,8 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
     """Return the tables by the control's numbers: a product as two, the first of which names the
     other as its multiplier.
 
-    A product whose multiplier is zero throughout, as restore files write it, is multiplied by nothing.
+    A product whose multiplier is zero throughout, as restore files write it, is multiplied by
+    nothing.
     """
     found: list[Table] = []
     levers: dict[int, Table] = {}
@@ -133,7 +151,12 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
         times = int(table.place[TIMES])
         linked = times if table.multiplier.value.any() else -1
         found.append(
-            replace(table, value_um=table.value_um / LEVER_MM, multiplier=None, place={"table": table.place["table"], TIMES: linked})
+            replace(
+                table,
+                value_um=table.value_um / LEVER_MM,
+                multiplier=None,
+                place={"table": table.place["table"], TIMES: linked},
+            )
         )
         levers.setdefault(times, _lever(table, table.multiplier, times))
     return [*found, *levers.values()]
@@ -142,9 +165,14 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
 def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
     """Return the multiplying table in the control's form."""
     return replace(
-        table, input_axis=multiplier.axis, position_mm=multiplier.position_mm, value_um=multiplier.value * LEVER_MM * 1000.0,
-        direction=0, multiplier=None, place={"table": number},
-    )  # fmt: skip
+        table,
+        input_axis=multiplier.axis,
+        position_mm=multiplier.position_mm,
+        value_um=multiplier.value * LEVER_MM * 1000.0,
+        direction=0,
+        multiplier=None,
+        place={"table": number},
+    )
 
 
 def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
@@ -154,18 +182,30 @@ def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
     not move the same axis.
     """
     by_number = {int(table.place["table"]): table for table in tables if table.kind == cec.KIND}
-    linked = {number: int(table.place[TIMES]) for number, table in by_number.items() if TIMES in table.place}
+    linked = {
+        number: int(table.place[TIMES])
+        for number, table in by_number.items()
+        if TIMES in table.place
+    }
     for number, times in linked.items():
         other = by_number.get(times)
-        if other is None or times in linked or other.output_axis != by_number[number].output_axis or other.direction:
+        if (
+            other is None
+            or times in linked
+            or other.output_axis != by_number[number].output_axis
+            or other.direction
+        ):
             raise DataError(
-                f"{where}: table [{number}]", expected=message("plain-table"),
+                f"{where}: table [{number}]",
+                expected=message("plain-table"),
                 found=f"$AN_CEC_MULT_BY_TABLE {times + 1}",
-            )  # fmt: skip
+            )
     return tuple(_joined(tables, by_number, linked))
 
 
-def _joined(tables: Sequence[Table], by_number: Mapping[int, Table], linked: Mapping[int, int]) -> Iterator[Table]:
+def _joined(
+    tables: Sequence[Table], by_number: Mapping[int, Table], linked: Mapping[int, int]
+) -> Iterator[Table]:
     for table in tables:
         number = int(table.place["table"]) if table.kind == cec.KIND else -1
         if number in linked:
@@ -177,9 +217,12 @@ def _joined(tables: Sequence[Table], by_number: Mapping[int, Table], linked: Map
                 value_um=table.value_um * largest_mm,
                 quantum_um=table.quantum_um * largest_mm or table.quantum_um,
                 multiplier=Multiplier(
-                    axis=lever.input_axis, position_mm=lever.position_mm,
-                    value=lever.value_um / 1000.0 / largest_mm if largest_mm else np.zeros(lever.value_um.shape),
+                    axis=lever.input_axis,
+                    position_mm=lever.position_mm,
+                    value=lever.value_um / 1000.0 / largest_mm
+                    if largest_mm
+                    else np.zeros(lever.value_um.shape),
                 ),
-            )  # fmt: skip
+            )
         elif number not in linked.values():
             yield table

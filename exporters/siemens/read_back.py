@@ -31,10 +31,17 @@ def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
     """
     body = [line for table in numbered(tables) for line in _of_table(table, profile)]
     head = [
-        f"; READ BACK: writes what the control holds into {HELD}.MPF; save that as {HELD}.INI for `stepdiag verify --read-back`",
-        "DEF INT FAULT", "DEF INT POINT", "DEF STRING[80] BACK",
-        f'BACK="{_PATH}"', "DELETE(FAULT,BACK)", "FAULT=0",
-    ]  # fmt: skip
+        (
+            f"; READ BACK: writes what the control holds into {HELD}.MPF; save that as {HELD}.INI "
+            "for `stepdiag verify --read-back`"
+        ),
+        "DEF INT FAULT",
+        "DEF INT POINT",
+        "DEF STRING[80] BACK",
+        f'BACK="{_PATH}"',
+        "DELETE(FAULT,BACK)",
+        "FAULT=0",
+    ]
     end = [
         'WRITE(FAULT,BACK,"M17")',
         'MSG("WRITTEN")',
@@ -45,7 +52,9 @@ def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
         "M30",
         "",
     ]
-    return ControlFile(name=NAME, data="\n".join([*head, *body, *end]).encode("ascii"), role="program")
+    return ControlFile(
+        name=NAME, data="\n".join([*head, *body, *end]).encode("ascii"), role="program"
+    )
 
 
 def _of_table(table: Table, profile: Profile) -> Iterator[str]:
@@ -53,7 +62,10 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
     if table.kind == eec.KIND:
         system, axis = int(table.place["measuring system"]) - 1, table.place["axis"]
         yield from _points(f"$AA_ENC_COMP[{system},", f",{axis}]", table)
-        names = [*(f"$AA_ENC_COMP_{name}[{system},{axis}]" for name in _EEC_GRID), f"$MA_ENC_COMP_ENABLE[{system},{axis}]"]
+        names = [
+            *(f"$AA_ENC_COMP_{name}[{system},{axis}]" for name in _EEC_GRID),
+            f"$MA_ENC_COMP_ENABLE[{system},{axis}]",
+        ]
     else:
         index, output = table.place["table"], profile.axis(table.output_axis).name
         yield from _points(f"$AN_CEC[{index},", "]", table)
@@ -61,7 +73,11 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
             variable = f"$AN_CEC_{name}[{index}]"
             yield _write(f'"{variable}=("<<AXSTRING({variable})<<")"')
         names = [f"$AN_CEC_{name}[{index}]" for name in _CEC_GRID]
-        names += [f"$SN_CEC_TABLE_ENABLE[{index}]", f"$SN_CEC_TABLE_WEIGHT[{index}]", f"$MA_CEC_ENABLE[{output}]"]
+        names += [
+            f"$SN_CEC_TABLE_ENABLE[{index}]",
+            f"$SN_CEC_TABLE_WEIGHT[{index}]",
+            f"$MA_CEC_ENABLE[{output}]",
+        ]
     for name in names:
         yield _write(f'"{name}="<<{name}')
     yield "IF FAULT<>0 GOTOF FULL"
@@ -69,7 +85,12 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
 
 def _points(before: str, after: str, table: Table) -> tuple[str, ...]:
     text = f'"{before}"<<POINT<<"{after}="<<{before}POINT{after}'
-    return (f"FOR POINT=0 TO {len(table.position_mm) - 1}", _write(text), "IF FAULT<>0 GOTOF FULL", "ENDFOR")
+    return (
+        f"FOR POINT=0 TO {len(table.position_mm) - 1}",
+        _write(text),
+        "IF FAULT<>0 GOTOF FULL",
+        "ENDFOR",
+    )
 
 
 def _write(text: str) -> str:
@@ -77,11 +98,15 @@ def _write(text: str) -> str:
 
 
 def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
-    """Return what the switches and weights are once the loading programs have run, by variable with its index."""
+    """Return what the switches and weights are once the loading programs have run, by variable with
+    its index."""
     wanted = {}
     for table in numbered(tables):
         if table.kind == eec.KIND:
-            wanted[f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},{table.place['axis']}]"] = "1"
+            wanted[
+                f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},"
+                f"{table.place['axis']}]"
+            ] = "1"
         else:
             index = table.place["table"]
             wanted |= {f"SN_CEC_TABLE_ENABLE[{index}]": "1", f"SN_CEC_TABLE_WEIGHT[{index}]": "1"}
@@ -91,4 +116,7 @@ def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
 
 def held_switches(files: Sequence[ControlFile]) -> dict[str, str]:
     """Return what files hold of switches and weights, TRUE and FALSE as 1 and 0."""
-    return {name: {"TRUE": "1", "FALSE": "0"}.get(value, f"{float(value):g}") for name, value in switches_in(files).items()}
+    return {
+        name: {"TRUE": "1", "FALSE": "0"}.get(value, f"{float(value):g}")
+        for name, value in switches_in(files).items()
+    }

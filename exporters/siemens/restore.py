@@ -1,8 +1,10 @@
-"""Back to where a SINUMERIK was: the own tables, and zeros, switched off, at every place that they leave empty.
+"""Back to where a SINUMERIK was: the own tables, and zeros, switched off, at every place that they
+leave empty.
 
-A table that the control never had does not vanish because older files are loaded: it would act on beside them. So the restore files name
-every table that an export writes: as data files (the machine's own bytes, and a file of zeros beside them) and as part programs with the
-guards of `stepdiag.exporters.siemens.loader`, which also switch off what was not there.
+A table that the control never had does not vanish because older files are loaded: it would act on
+beside them. So the restore files name every table that an export writes: as data files (the
+machine's own bytes, and a file of zeros beside them) and as part programs with the guards of
+`stepdiag.exporters.siemens.loader`, which also switch off what was not there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +14,13 @@ from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, products
-from stepdiag.exporters.siemens.ini import Assignment, data_file, is_program, read_assignments, switches_in
+from stepdiag.exporters.siemens.ini import (
+    Assignment,
+    data_file,
+    is_program,
+    read_assignments,
+    switches_in,
+)
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.tables.own_files import NO_TABLE_BEFORE
 from stepdiag.exporters.tables.profile import Profile
@@ -34,24 +42,36 @@ class Kind:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Old:
-    """Switches and weights of the machine's own tables before the loading: as its files hold them, else as the profile states them."""
+    """Switches and weights of the machine's own tables before the loading: as its files hold them,
+    else as the profile states them."""
 
     profile: Profile
     enabled: bool | None
     weight: float | None
 
-    def load(self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = "") -> Load:
-        """Return a table as it was: on where all its ``switches`` were. Raises ``SafetyError`` (``profile-incomplete.switches``)
-        where neither files nor profile state it, ``UsageError`` for a table that acted with another weight than 1."""
+    def load(
+        self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = ""
+    ) -> Load:
+        """Return a table as it was: on where all its ``switches`` were. Raises ``SafetyError``
+        (``profile-incomplete.switches``) where neither files nor profile state it, ``UsageError``
+        for a table that acted with another weight than 1."""
         held = switches_in(self.profile.existing)
         values = [held[name] for name in switches if name in held]
         off, known = any(value in ("0", "FALSE") for value in values), len(values) == len(switches)
         acted = self.profile.machine.measured_with == "on" and self.enabled is None
-        active = not off and (known or acted or self._stated(table, self.enabled, "old_enabled", message("whether-switched-on")))
+        active = not off and (
+            known
+            or acted
+            or self._stated(table, self.enabled, "old_enabled", message("whether-switched-on"))
+        )
         weighs = 1.0
         if weight:
             stated = held.get(weight)
-            weighs = float(stated) if stated is not None else self._stated(table, self.weight, "old_weight", message("its-weight"))
+            weighs = (
+                float(stated)
+                if stated is not None
+                else self._stated(table, self.weight, "old_weight", message("its-weight"))
+            )
         if self.profile.machine.measured_with == "on" and active and weighs != 1.0:
             expected = message("weight-1-tables-acted")
             raise UsageError(
@@ -73,8 +93,11 @@ class Old:
         return 0.0 if value is None else value
 
 
-def restore_files(kinds: Sequence[Kind], profile: Profile, *, metric_line: bool) -> tuple[ControlFile, ...]:
-    """Return the own files, those of zeros, and the part programs that load the same; ``kinds`` are those that an export writes."""
+def restore_files(
+    kinds: Sequence[Kind], profile: Profile, *, metric_line: bool
+) -> tuple[ControlFile, ...]:
+    """Return the own files, those of zeros, and the part programs that load the same; ``kinds`` are
+    those that an export writes."""
     files = list(profile.existing)
     for kind in kinds:
         made = [_zero_file(files, kind, metric_line=metric_line)] if kind.zeros else []
@@ -85,13 +108,20 @@ def restore_files(kinds: Sequence[Kind], profile: Profile, *, metric_line: bool)
 
 def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old) -> Kind:
     """Return the EEC tables of an export beside those in the machine's own files."""
-    own = {_eec_place(table): table for file in profile.existing for table in eec.read_tables(file, profile)}
+    own = {
+        _eec_place(table): table
+        for file in profile.existing
+        for table in eec.read_tables(file, profile)
+    }
     lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
     return Kind(
         prefix="AA_ENC_COMP",
         data_name="AX_EEC",
         program=lambda loads: loader.eec_program(loads, _NOTES),
-        own=tuple(old.load(table, lines[place], (f"MA_ENC_COMP_ENABLE[{place}]",)) for place, table in own.items()),
+        own=tuple(
+            old.load(table, lines[place], (f"MA_ENC_COMP_ENABLE[{place}]",))
+            for place, table in own.items()
+        ),
         zeros=tuple(
             Load(table=table, lines=eec.assignments(table, decimals, 0), active=False)
             for table in zeroed(tables)
@@ -100,9 +130,15 @@ def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old)
     )
 
 
-def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old, *, sense: Sense) -> Kind:
+def cec_kind(
+    tables: Sequence[Table], profile: Profile, decimals: int, old: Old, *, sense: Sense
+) -> Kind:
     """Return the CEC tables of an export beside those in the machine's own files."""
-    own = {_cec_place(table): table for file in profile.existing for table in cec.read_tables(file, profile, sense)}
+    own = {
+        _cec_place(table): table
+        for file in profile.existing
+        for table in cec.read_tables(file, profile, sense)
+    }
     lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
     return Kind(
         prefix="AN_CEC",
@@ -112,7 +148,10 @@ def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old,
             old.load(
                 table,
                 lines[place],
-                (f"SN_CEC_TABLE_ENABLE[{place}]", f"MA_CEC_ENABLE[{profile.axis(table.output_axis).name}]"),
+                (
+                    f"SN_CEC_TABLE_ENABLE[{place}]",
+                    f"MA_CEC_ENABLE[{profile.axis(table.output_axis).name}]",
+                ),
                 f"SN_CEC_TABLE_WEIGHT[{place}]",
             )
             for place, table in own.items()
@@ -126,10 +165,15 @@ def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old,
 
 
 def held_lines(table: Table, profile: Profile) -> list[str]:
-    """Return the assignments of the machine's own files at the place of a table; none where they have none."""
+    """Return the assignments of the machine's own files at the place of a table; none where they
+    have none."""
     if table.kind == eec.KIND:
-        return _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index).get(_eec_place(table), [])
-    return _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0]).get(_cec_place(table), [])
+        return _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index).get(
+            _eec_place(table), []
+        )
+    return _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0]).get(
+        _cec_place(table), []
+    )
 
 
 def _eec_place(table: Table) -> str:
@@ -144,8 +188,11 @@ def _cec_place(table: Table) -> str:
     return str(table.place["table"])
 
 
-def _lines_by_place(files: Sequence[ControlFile], prefix: str, place_of: Callable[[tuple[str, ...]], str]) -> dict[str, list[str]]:
-    """Return the assignments of each table as they stand in the own files, points before grid; the first file that holds a table counts."""
+def _lines_by_place(
+    files: Sequence[ControlFile], prefix: str, place_of: Callable[[tuple[str, ...]], str]
+) -> dict[str, list[str]]:
+    """Return the assignments of each table as they stand in the own files, points before grid; the
+    first file that holds a table counts."""
     found: dict[str, list[str]] = {}
     for file in files:
         here: dict[str, list[Assignment]] = {}
@@ -153,15 +200,25 @@ def _lines_by_place(files: Sequence[ControlFile], prefix: str, place_of: Callabl
             if item.name.startswith(prefix):
                 here.setdefault(place_of(item.index), []).append(item)
         for place, items in here.items():
-            found.setdefault(place, [item.text() for item in sorted(items, key=lambda item: item.name != prefix)])
+            found.setdefault(
+                place, [item.text() for item in sorted(items, key=lambda item: item.name != prefix)]
+            )
     return found
 
 
 def _zero_file(files: Sequence[ControlFile], kind: Kind, *, metric_line: bool) -> ControlFile:
-    """Return the zeros as a data file, under the usual name where the machine has none of this kind."""
-    beside_own = any(not is_program(file) and f"${kind.prefix}".encode() in file.data for file in files)
+    """Return the zeros as a data file, under the usual name where the machine has none of this
+    kind."""
+    beside_own = any(
+        not is_program(file) and f"${kind.prefix}".encode() in file.data for file in files
+    )
     lines = [load.lines for load in kind.zeros]
-    return data_file(f"{kind.data_name}_ZERO" if beside_own else kind.data_name, lines, _NOTES, metric_line=metric_line)
+    return data_file(
+        f"{kind.data_name}_ZERO" if beside_own else kind.data_name,
+        lines,
+        _NOTES,
+        metric_line=metric_line,
+    )
 
 
 def _free_name(name: str, files: Sequence[ControlFile]) -> str:

@@ -54,34 +54,42 @@ class Columns:
 
 
 def levers_of(chain: str, *, own: bool) -> Vector:
-    """Return which axes are levers of the angles of each axis, shape (axis, lever), 0 or 1; ``own``: an axis that carries the work too."""
+    """Return which axes are levers of the angles of each axis, shape (axis, lever), 0 or 1;
+    ``own``: an axis that carries the work too."""
     mask = abbe_mask(chain)
     return mask if own else mask * (1.0 - np.eye(3))
 
 
 def require_chain(result: Result, profile: Profile) -> None:
-    """Raise ``UsageError`` where the profile states another chain than that of the result: the angles would turn the wrong axes."""
+    """Raise ``UsageError`` where the profile states another chain than that of the result: the
+    angles would turn the wrong axes."""
     stated = getattr(profile.options, "chain", None)
     if stated is not None and parse_chain(stated) != parse_chain(result.chain):
         raise UsageError(
-            f"{profile.source}: {profile.machine.controller}.chain", expected=message("chain-quoted", chain=result.chain),
+            f"{profile.source}: {profile.machine.controller}.chain",
+            expected=message("chain-quoted", chain=result.chain),
             found=f'"{stated}"',
-        )  # fmt: skip
+        )
 
 
-def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vector, profile: Profile) -> Columns:
+def columns_of(
+    curves: Sequence[Curve], products: Sequence[Product], levers: Vector, profile: Profile
+) -> Columns:
     """Return curves and angles for a control with these ``levers`` (`levers_of`).
 
     Without curves (a sign test) the angles stand alone. Raises ``UsageError`` if a function needed
     by the angles is missing, or a product has a lever unknown to the control.
     """
-    missing = [name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}]
+    missing = [
+        name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}
+    ]
     if missing:
         raise UsageError(
-            f"{profile.source}: machine.functions", expected=message("all-nine"),
+            f"{profile.source}: machine.functions",
+            expected=message("all-nine"),
             found=message("nothing-of", names=missing),
             remedy=message("leave-chain", control=profile.machine.controller),
-        )  # fmt: skip
+        )
     middles = {product.by_axis: product.middle_mm for product in products}
     angles: list[Angle] = []
     moved = {curve.name: curve for curve in curves}
@@ -93,7 +101,11 @@ def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vec
             if relative is None:
                 continue
             at_reference = float(np.interp(reference, grid, relative))
-            angle = Angle(name=f"E{_TURNS[turn]}{letter}", position_mm=grid, value_urad=relative - at_reference)
+            angle = Angle(
+                name=f"E{_TURNS[turn]}{letter}",
+                position_mm=grid,
+                value_urad=relative - at_reference,
+            )
             angles.append(angle)
             for by in np.flatnonzero(levers[moving]) if curves else ():
                 _move(moved, angle, relative, at_reference, int(by), middles)
@@ -101,8 +113,13 @@ def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vec
 
 
 def _relative_urad(
-    products: Sequence[Product], moving: int, turn: int, levers: Vector, profile: Profile, grid: Vector
-) -> Vector | None:  # fmt: skip
+    products: Sequence[Product],
+    moving: int,
+    turn: int,
+    levers: Vector,
+    profile: Profile,
+    grid: Vector,
+) -> Vector | None:
     """Return an angle without its mean, from the first product with this angle; None without such a
     product.
     """
@@ -116,12 +133,22 @@ def _relative_urad(
                     expected=message("chain-carried", by=product.by_axis, axis=product.input_axis),
                     found=product.name,
                 )
-            return np.interp(grid, product.position_mm, product.value_um) * sign * 1e3 / product.half_mm
+            return (
+                np.interp(grid, product.position_mm, product.value_um)
+                * sign
+                * 1e3
+                / product.half_mm
+            )
     return None
 
 
 def _move(
-    curves: dict[str, Curve], angle: Angle, relative_urad: Vector, at_reference_urad: float, by: int, middles: Mapping[str, float]
+    curves: dict[str, Curve],
+    angle: Angle,
+    relative_urad: Vector,
+    at_reference_urad: float,
+    by: int,
+    middles: Mapping[str, float],
 ) -> None:
     """Take off the curves the control's addition by an angle and the lever along ``by`` that the
     fit does not contain.
@@ -133,9 +160,13 @@ def _move(
             continue
         along = f"E{_LETTERS[output]}{_LETTERS[moving]}"
         if by == moving:
-            curves[along] = _plus(curves[along], angle.position_mm, -sign * angle.value_urad * angle.position_mm)
+            curves[along] = _plus(
+                curves[along], angle.position_mm, -sign * angle.value_urad * angle.position_mm
+            )
             continue
-        curves[along] = _plus(curves[along], angle.position_mm, -sign * relative_urad * middles.get(_LETTERS[by], 0.0))
+        curves[along] = _plus(
+            curves[along], angle.position_mm, -sign * relative_urad * middles.get(_LETTERS[by], 0.0)
+        )
         across = curves[f"E{_LETTERS[output]}{_LETTERS[by]}"]
         ends = across.position_mm[[0, -1]]
         curves[across.name] = _plus(across, ends, sign * at_reference_urad * ends)
@@ -154,7 +185,8 @@ def _plus(curve: Curve, position_mm: Vector, value_um: Vector) -> Curve:
 
 
 def _sign(turn: int, by: int, output: int) -> float:
-    """Return the movement of an axis by a unit turn and a unit lever: the component of turn x lever."""
+    """Return the movement of an axis by a unit turn and a unit lever: the component of turn x
+    lever."""
     return float(np.cross(np.eye(3)[turn], np.eye(3)[by])[output])
 
 
@@ -182,15 +214,28 @@ def angle_tables(
             law = laws[_LETTERS[output]]
             per_urad = sign * LEVER_MM * 1e-3
             yield Table(
-                kind=kind, input_axis=angle.name[2], output_axis=_LETTERS[output], position_mm=angle.position_mm,
-                value_um=quantised(angle.value_urad, quantum_urad) * per_urad * -law.factor, quantum_um=quantum_urad * abs(per_urad),
-                law=law, reference_mm=profile.axis(angle.name[2]).reference_mm, place={**place, COLUMN: angle.name},
-                multiplier=Multiplier(axis=letter, position_mm=ends, value=ends / LEVER_MM, ends="extended"),
-            )  # fmt: skip
+                kind=kind,
+                input_axis=angle.name[2],
+                output_axis=_LETTERS[output],
+                position_mm=angle.position_mm,
+                value_um=quantised(angle.value_urad, quantum_urad) * per_urad * -law.factor,
+                quantum_um=quantum_urad * abs(per_urad),
+                law=law,
+                reference_mm=profile.axis(angle.name[2]).reference_mm,
+                place={**place, COLUMN: angle.name},
+                multiplier=Multiplier(
+                    axis=letter, position_mm=ends, value=ends / LEVER_MM, ends="extended"
+                ),
+            )
 
 
 def column_urad(table: Table) -> Vector:
-    """Return the numbers of the column from which a product table comes, in the sense of its law."""
+    """Return the numbers of the column from which a product table comes, in the sense of its
+    law."""
     by = "" if table.multiplier is None else table.multiplier.axis
-    sign = _sign(_TURNS.index(str(table.place[COLUMN])[1]), _LETTERS.index(by), _LETTERS.index(table.output_axis))
+    sign = _sign(
+        _TURNS.index(str(table.place[COLUMN])[1]),
+        _LETTERS.index(by),
+        _LETTERS.index(table.output_axis),
+    )
     return np.asarray(table.value_um * sign * 1e3 / LEVER_MM)

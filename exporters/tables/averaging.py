@@ -28,8 +28,13 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
-    """Yield ``function-left-out.no-table``: how much of each straightness curve, end-point line apart, stays in the machine."""
-    left = [message("so-much-of", name=curve.name, size_um=_straightness_um(curve)) for curve in curves if curve.name not in POSITIONING]
+    """Yield ``function-left-out.no-table``: how much of each straightness curve, end-point line
+    apart, stays in the machine."""
+    left = [
+        message("so-much-of", name=curve.name, size_um=_straightness_um(curve))
+        for curve in curves
+        if curve.name not in POSITIONING
+    ]
     if left:
         yield finding("info", message("function-left-out.no-table", control=control, left=left))
 

@@ -87,23 +87,42 @@ class AxisList:
         for curve in curves:
             if curve.name in POSITIONING:
                 place: dict[str, int | str] = {"axis": profile.axis(curve.input_axis).name}
-                tables += absolute_tables(curve, profile, kind=self.kind, law=self.law, quantum_um=self.quantum_um, place=place)
-        return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "this list"), *self.remarks))
+                tables += absolute_tables(
+                    curve,
+                    profile,
+                    kind=self.kind,
+                    law=self.law,
+                    quantum_um=self.quantum_um,
+                    place=place,
+                )
+        return Plan(
+            tables=tuple(tables),
+            findings=(*straightness_remark(curves, "this list"), *self.remarks),
+        )
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
         """Return a list per axis. Raises ``SafetyError`` (``direction-unfit.column``) for zeros
         that would be read as a missing column.
         """
-        by_axis = {letter: [table for table in tables if table.input_axis == letter] for letter in profile.axes}
+        by_axis = {
+            letter: [table for table in tables if table.input_axis == letter]
+            for letter in profile.axes
+        }
         return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of such lists."""
         return tuple(table for file in files for table in self._read(file, profile))
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the active lists: one an axis."""
-        return overwritten(self.parse(own, profile), self.parse(new, profile), lambda table: table.input_axis)
+        return overwritten(
+            self.parse(own, profile), self.parse(new, profile), lambda table: table.input_axis
+        )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the machine's own lists, and a list of zeros for every axis that has none."""
@@ -117,7 +136,10 @@ class AxisList:
         """Return the column of the table as it is keyed in."""
         way = {0: "both directions", 1: "+ direction", -1: "- direction"}[table.direction]
         points = zip(table.position_mm, table.value_um, strict=True)
-        rows = (f"{fixed(at, self.decimals):>12} {fixed(value / 1000, self.decimals):>12}" for at, value in points)
+        rows = (
+            f"{fixed(at, self.decimals):>12} {fixed(value / 1000, self.decimals):>12}"
+            for at, value in points
+        )
         return (f"position mm   error mm, {way}", *rows)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
@@ -128,27 +150,51 @@ class AxisList:
         axis = tables[0].place["axis"]
         file = f"{self.name}_{axis}.csv"
         forward = next(table for table in tables if table.direction >= 0)
-        reverse = next((table.value_um for table in tables if table.direction < 0), np.zeros(forward.value_um.shape))
+        reverse = next(
+            (table.value_um for table in tables if table.direction < 0),
+            np.zeros(forward.value_um.shape),
+        )
         if len(tables) > 1 and forward.value_um.any() and not reverse.any():
             raise SafetyError(
-                file, code="direction-unfit.column", expected=message("reverse-not-zero"),
-                found=message("zeros-read-as-none"), remedy=message("export-mean"),
-            )  # fmt: skip
+                file,
+                code="direction-unfit.column",
+                expected=message("reverse-not-zero"),
+                found=message("zeros-read-as-none"),
+                remedy=message("export-mean"),
+            )
         rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)
         written = (";".join(fixed(number, self.decimals) for number in row) for row in rows)
-        lines = [*(f"; {note}" for note in notes), _MARK.decode("ascii"), f"AXIS {axis}", self.heading, *written, _END.decode("ascii")]
+        lines = [
+            *(f"; {note}" for note in notes),
+            _MARK.decode("ascii"),
+            f"AXIS {axis}",
+            self.heading,
+            *written,
+            _END.decode("ascii"),
+        ]
         return ControlFile(name=file, data=ascii_lines(lines, "\r\n"))
 
     def _read(self, file: ControlFile, profile: Profile) -> Iterator[Table]:
         require_end(file, _MARK, _END)
-        lines = [(where, line) for where, line in read_lines(file) if line and not line.startswith(";")]
-        if len(lines) < 4 or not lines[0][1].startswith("AXIS ") or lines[1][1] != self.heading or not file.data.endswith(b"\n"):
+        lines = [
+            (where, line) for where, line in read_lines(file) if line and not line.startswith(";")
+        ]
+        if (
+            len(lines) < 4
+            or not lines[0][1].startswith("AXIS ")
+            or lines[1][1] != self.heading
+            or not file.data.endswith(b"\n")
+        ):
             raise DataError(
-                file.name, expected=message("axis-rows", heading=repr(self.heading)), found=message("count-lines", count=len(lines))
+                file.name,
+                expected=message("axis-rows", heading=repr(self.heading)),
+                found=message("count-lines", count=len(lines)),
             )
         letter = profile.letter_of(lines[0][1].removeprefix("AXIS "), lines[0][0])
         rows = [[finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]]
-        if any(len(row) != 3 for row in rows) or any(later[0] <= row[0] for row, later in pairwise(rows)):
+        if any(len(row) != 3 for row in rows) or any(
+            later[0] <= row[0] for row, later in pairwise(rows)
+        ):
             raise DataError(file.name, expected=message("rows-three"), found=message("other-ones"))
         position, forward, reverse = np.array(rows).T
         for direction, error in ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),):

@@ -24,12 +24,14 @@ PLAUSIBLE_SLOPE_UM_MM = 0.8
 axis, for straightness bends and holds the squareness too.
 """
 PLAUSIBLE_STEP_UM = 6.0
-"""From one measured value to the next so much is plausible beside it, however close they are: peak to peak of a screw's waves of 3 um, or
-four times the scatter of a difference of two values on a poor machine."""
+"""From one measured value to the next so much is plausible beside it, however close they are: peak
+to peak of a screw's waves of 3 um, or four times the scatter of a difference of two values on a
+poor machine."""
 
 
 def plausible_slope_um_mm(measured_mm: float) -> float:
-    """Return the slope in um/mm from which on values measured every ``measured_mm`` are not plausible."""
+    """Return the slope in um/mm from which on values measured every ``measured_mm`` are not
+    plausible."""
     return PLAUSIBLE_SLOPE_UM_MM + PLAUSIBLE_STEP_UM / measured_mm
 
 
@@ -75,7 +77,9 @@ class Plan:
 class Multiplying(Protocol):
     """A control that can multiply a table by another."""
 
-    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
+    def plan_products(
+        self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
+    ) -> Plan:
         """Return the tables for the curves, and for the products as far as the profile allows them
         and the control has tables.
         """
@@ -83,7 +87,8 @@ class Multiplying(Protocol):
 
 @runtime_checkable
 class Pairing(Protocol):
-    """A control whose squareness is one number for both functions of a pair of axes: neither is corrected without the other."""
+    """A control whose squareness is one number for both functions of a pair of axes: neither is
+    corrected without the other."""
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
         """Return functions with the partners of the functions with a squareness; ``fold`` names
@@ -97,8 +102,11 @@ class Emptying(Protocol):
     does not act beside the new tables.
     """
 
-    def emptied(self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile) -> tuple[Table, ...]:
-        """Return tables of zeros for every seat of ``own`` from which something would act that ``tables`` does not count on."""
+    def emptied(
+        self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
+    ) -> tuple[Table, ...]:
+        """Return tables of zeros for every seat of ``own`` from which something would act that
+        ``tables`` does not count on."""
 
 
 @runtime_checkable
@@ -106,7 +114,8 @@ class Reporting(Protocol):
     """A control that can write out its contents."""
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the programs that write out what the control holds of these tables, switches and weights included."""
+        """Return the programs that write out what the control holds of these tables, switches and
+        weights included."""
 
 
 @runtime_checkable
@@ -114,14 +123,16 @@ class Switching(Protocol):
     """A control whose tables have switches and weights beside their values."""
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return what switches and weights have to be for the tables to act, by the control's own name of each."""
+        """Return what switches and weights have to be for the tables to act, by the control's own
+        name of each."""
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
         """Return what files that were read out of the control hold of them."""
 
 
 class Controller(Protocol):
-    """One controller family. Implementations hold no state: everything about a machine is in its profile."""
+    """One controller family. Implementations hold no state: everything about a machine is in its
+    profile."""
 
     @property
     def name(self) -> str:
@@ -133,7 +144,8 @@ class Controller(Protocol):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of table this control has; each has a sense of its own, and a sign test of its own."""
+        """Return the kinds of table this control has; each has a sense of its own, and a sign test
+        of its own."""
 
     @property
     def options(self) -> type[msgspec.Struct]:
@@ -146,19 +158,24 @@ class Controller(Protocol):
         """
 
     def quick_options(self) -> msgspec.Struct:
-        """Return the options for a quick look without a profile (contract 5), every assumption in them stated by ``plan``."""
+        """Return the options for a quick look without a profile (contract 5), every assumption in
+        them stated by ``plan``."""
 
     def limits(self, table: Table, profile: Profile) -> Limits:
         """Return what the control of this profile accepts in such a table."""
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return the tables for the curves: sampled on the profile's grid, zero at the reference, quantised once.
+        """Return the tables for the curves: sampled on the profile's grid, zero at the reference,
+        quantised once.
 
         Raises ``SafetyError`` where the control cannot hold the curve at all.
         """
 
-    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return the files for the control, ``notes`` as comments at the head of every file that may hold comments.
+    def render(
+        self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
+    ) -> tuple[ControlFile, ...]:
+        """Return the files for the control, ``notes`` as comments at the head of every file that
+        may hold comments.
 
         Notes are plain ASCII, a line each. Raises ``SafetyError`` if a needed template is missing.
         """
@@ -169,7 +186,9 @@ class Controller(Protocol):
         Raises ``DataError`` naming file and line for a foreign, damaged or incomplete file.
         """
 
-    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+    def standing(
+        self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
+    ) -> tuple[Table, ...]:
         """Return the active tables after loading ``new`` into a control that held ``own``; without
         new files, the tables of ``own``.
 
@@ -189,7 +208,8 @@ class Controller(Protocol):
         """Return whether the file is in this controller's format, from its name and first lines."""
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the table for the report, in the control's own words and numbers (`plain_rows` where it has none)."""
+        """Return the table for the report, in the control's own words and numbers (`plain_rows`
+        where it has none)."""
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps of a person who loads the files, in order, precautions first."""

@@ -32,8 +32,9 @@ SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "A0Z": MappingProxyType({"EYZ": -1.0, "EZY": -1.0}),
     }
 )
-"""Slope in the straightness curve for one unit of squareness: the first of each pair is the displacement of
-contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second the same after a rigid rotation of the workpiece."""
+"""Slope in the straightness curve for one unit of squareness: the first of each pair is the
+displacement of contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second the same after a
+rigid rotation of the workpiece."""
 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
 
@@ -75,7 +76,9 @@ class Curve:
     @property
     def mean_um(self) -> Vector:
         """Return the mean of both directions, shape of ``position_mm``."""
-        return self.forward_um if self.reverse_um is None else (self.forward_um + self.reverse_um) / 2
+        return (
+            self.forward_um if self.reverse_um is None else (self.forward_um + self.reverse_um) / 2
+        )
 
     def at(self, position_mm: Vector, direction: int = 0) -> Vector:
         """Return the error in um at positions, linear between the nodes and held outside them.
@@ -85,13 +88,16 @@ class Curve:
         return np.interp(position_mm, self.position_mm, self.toward(direction))
 
     def toward(self, direction: int) -> Vector:
-        """Return the node values for travel in ``direction`` (+1, -1, or 0 for the mean of both)."""
+        """Return the node values for travel in ``direction`` (+1, -1, or 0 for the mean of
+        both)."""
         if self.reverse_um is None:
             return self.forward_um
         return (self.mean_um, self.forward_um, self.reverse_um)[direction]
 
 
-def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT) -> tuple[Curve, ...]:
+def curves_of(
+    result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT
+) -> tuple[Curve, ...]:
     """Return the curves called ``names``, each squareness added to the straightness curve in
     ``fold``.
 
@@ -105,7 +111,9 @@ def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[st
     return tuple(_curve(result, name, slopes.get(name, {})) for name in names)
 
 
-def _folded_slopes(result: Result, names: Sequence[str], fold: Mapping[str, str]) -> dict[str, dict[str, float]]:
+def _folded_slopes(
+    result: Result, names: Sequence[str], fold: Mapping[str, str]
+) -> dict[str, dict[str, float]]:
     """Return, per function, the slope in um/mm added by each squareness."""
     slopes: dict[str, dict[str, float]] = {}
     for squareness, target in fold.items():
@@ -117,7 +125,9 @@ def _folded_slopes(result: Result, names: Sequence[str], fold: Mapping[str, str]
                 found=repr(target),
             )
         if target in names:
-            slopes.setdefault(target, {})[squareness] = pair[target] * _squareness_urad(result, squareness) / 1000.0
+            slopes.setdefault(target, {})[squareness] = (
+                pair[target] * _squareness_urad(result, squareness) / 1000.0
+            )
     return slopes
 
 
@@ -159,7 +169,8 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
 
 
 def _significant(name: str, reversal: Function) -> bool:
-    """Return whether a reversal is more than chance somewhere, and in the axis' own direction whole.
+    """Return whether a reversal is more than chance somewhere, and in the axis' own direction
+    whole.
 
     If the passes share no zero, a positioning function's reversal is known only from its first
     position on (u = 0 there): a table per direction would leave its constant part out, with the
@@ -174,7 +185,8 @@ def _significant(name: str, reversal: Function) -> bool:
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
-    """Return half of (approach in + minus approach in -) at the positions, None where the data do not give it, or give chance only."""
+    """Return half of (approach in + minus approach in -) at the positions, None where the data do
+    not give it, or give chance only."""
     reversal = result.reversal.get(name)
     if reversal is None or reversal.value is None or not _significant(name, reversal):
         return None

@@ -1,11 +1,13 @@
-"""The curves and products that fit the error field over the volume best, in the sense of least squares.
+"""The curves and products that fit the error field over the volume best, in the sense of least
+squares.
 
 A table of an axis is a single curve for the whole volume, but an angular error moves the tool by
 its lever: on the line of the measurement it has one size, on the opposite edge another. Written
 out, the field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``,
 an angle of axis a times a lever along axis b. With bars for the mean over the volume,
 
-    alpha(a) (b - b_0) = alpha(a) (b_bar - b_0)  +  alpha_bar (b - b_bar)  +  (alpha(a) - alpha_bar) (b - b_bar)
+    alpha(a) (b - b_0) = alpha(a) (b_bar - b_0)  +  alpha_bar (b - b_bar)  +  (alpha(a) - alpha_bar)
+    (b - b_bar)
 
 The first two summands are curves. The third is orthogonal to every curve, so that the curves with
 the first two added are the best fit of the whole field, and only a control with products of two
@@ -22,7 +24,13 @@ from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
+from stepdiag.exporters.tables.curves import (
+    FOLD_DEFAULT,
+    FUNCTIONS,
+    SQUARENESS_SLOPE,
+    Curve,
+    curves_of,
+)
 from stepdiag.exporters.tables.tables import Table
 
 _LETTERS = "XYZ"
@@ -60,7 +68,8 @@ class Product:
 
     @property
     def name(self) -> str:
-        """Return the function and the lever, as ``EYX*Z``: the error of Y along X, growing with Z."""
+        """Return the function and the lever, as ``EYX*Z``: the error of Y along X, growing with
+        Z."""
         return f"E{self.output_axis}{self.input_axis}*{self.by_axis}"
 
 
@@ -74,7 +83,8 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Term:
-    """One ``alpha(a) (b - b_0)``: ``per_mm_um`` along the input axis is the error in um for one mm of lever."""
+    """One ``alpha(a) (b - b_0)``: ``per_mm_um`` along the input axis is the error in um for one mm
+    of lever."""
 
     output: int
     input: int
@@ -93,7 +103,8 @@ def fitted(
     zone: Zone | None = None,
     active: Sequence[Table] = (),
 ) -> Fitted:
-    """Return the curves called ``names`` and the products that fit the field of the result over ``zone`` (the volume without one).
+    """Return the curves called ``names`` and the products that fit the field of the result over
+    ``zone`` (the volume without one).
 
     ``active`` are product tables that acted during the measurement: without them the machine would
     have erred by more. Raises ``DataError`` and ``UsageError`` as `curves_of` does, and
@@ -102,7 +113,13 @@ def fitted(
     ends = _ends(result.volume, zone or {})
     terms = [*_angular(result), *(_of_table(table) for table in active)]
     curves = {curve.name: curve for curve in curves_of(result, names, fold)}
-    added = _folded({f"E{output}{moving}": _added(terms, output, moving, ends, result) for output, moving in _pairs()}, fold)
+    added = _folded(
+        {
+            f"E{output}{moving}": _added(terms, output, moving, ends, result)
+            for output, moving in _pairs()
+        },
+        fold,
+    )
     return Fitted(
         curves=tuple(_with(curves[name], added[name], _sources(terms, name)) for name in names),
         products=tuple(sorted(_products(terms, ends), key=lambda product: -product.rms_um)),
@@ -110,7 +127,8 @@ def fitted(
 
 
 def straight_line_um_mm(curve: Curve) -> float:
-    """Return the slope of the straight line that fits the mean of a curve best, every part of its length counting alike."""
+    """Return the slope of the straight line that fits the mean of a curve best, every part of its
+    length counting alike."""
     at = np.linspace(curve.position_mm[0], curve.position_mm[-1], _FINE)
     from_middle = at - np.mean(at)
     return float(np.sum(from_middle * curve.at(at)) / np.sum(from_middle**2))
@@ -129,9 +147,10 @@ def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
         # an axis that did not travel has no zone, and no table
         if volume.travelled[index] and not low <= first < last <= high:
             raise UsageError(
-                f"axes.{letter}.working_mm", expected=message("rising-within", low=low, high_mm=high),
+                f"axes.{letter}.working_mm",
+                expected=message("rising-within", low=low, high_mm=high),
                 found=f"{first:g}, {last:g}",
-            )  # fmt: skip
+            )
         ends.append((first, last))
     return ends
 
@@ -150,30 +169,46 @@ def _angular(result: Result) -> Iterator[_Term]:
                     if sign:
                         u = np.zeros(len(function.value)) if function.u is None else function.u
                         yield _Term(
-                            output=output, input=moving, by=int(by), position_mm=function.position_mm,
-                            per_mm_um=sign * function.value * 1e-3, u_per_mm_um=u * 1e-3,
-                            zero_mm=result.volume.origin_mm[by], source=f"E{word}{letter}",
-                        )  # fmt: skip
+                            output=output,
+                            input=moving,
+                            by=int(by),
+                            position_mm=function.position_mm,
+                            per_mm_um=sign * function.value * 1e-3,
+                            u_per_mm_um=u * 1e-3,
+                            zero_mm=result.volume.origin_mm[by],
+                            source=f"E{word}{letter}",
+                        )
 
 
 def _of_table(table: Table) -> _Term:
     """Return the error that an active product table has hidden."""
     if table.multiplier is None or not table.multiplier.is_straight:
         raise UsageError(
-            table.label, expected=message("straight-product"), found=message("other-multiplier"), remedy=message("measure-off")
+            table.label,
+            expected=message("straight-product"),
+            found=message("other-multiplier"),
+            remedy=message("measure-off"),
         )
     slope, zero_mm = table.multiplier.line
     per_mm = -table.law.factor * table.absolute_um * slope
     return _Term(
-        output=_LETTERS.index(table.output_axis), input=_LETTERS.index(table.input_axis), by=_LETTERS.index(table.multiplier.axis),
-        position_mm=table.position_mm, per_mm_um=per_mm, u_per_mm_um=np.zeros(len(per_mm)), zero_mm=zero_mm, source="active table",
-    )  # fmt: skip
+        output=_LETTERS.index(table.output_axis),
+        input=_LETTERS.index(table.input_axis),
+        by=_LETTERS.index(table.multiplier.axis),
+        position_mm=table.position_mm,
+        per_mm_um=per_mm,
+        u_per_mm_um=np.zeros(len(per_mm)),
+        zero_mm=zero_mm,
+        source="active table",
+    )
 
 
 def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
     """Return alpha_bar, the mean of the term's angle over the zone."""
     fine = np.linspace(*ends[term.input], _FINE)
-    return float(np.trapezoid(np.interp(fine, term.position_mm, term.per_mm_um), fine) / (fine[-1] - fine[0]))
+    return float(
+        np.trapezoid(np.interp(fine, term.position_mm, term.per_mm_um), fine) / (fine[-1] - fine[0])
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,19 +221,32 @@ class _Added:
 
     def sloped(self, um_per_mm: float) -> "_Added":
         """Return it with a straight line more."""
-        return replace(self, value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0]))
+        return replace(
+            self, value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0])
+        )
 
     @property
     def slope(self) -> float:
-        """Return the slope of the end-point line in um per mm, 0 for an axis that did not travel."""
+        """Return the slope of the end-point line in um per mm, 0 for an axis that did not
+        travel."""
         length_mm = float(self.position_mm[-1] - self.position_mm[0])
         return float(self.value_um[-1] - self.value_um[0]) / length_mm if length_mm else 0.0
 
 
-def _added(terms: Sequence[_Term], output: str, moving: str, ends: Sequence[tuple[float, float]], result: Result) -> _Added:
+def _added(
+    terms: Sequence[_Term],
+    output: str,
+    moving: str,
+    ends: Sequence[tuple[float, float]],
+    result: Result,
+) -> _Added:
     """Return the first two summands of all terms along one axis."""
     index = _LETTERS.index(moving)
-    at = np.unique(np.concatenate([result.volume.nodes_mm(index), *(t.position_mm for t in terms if t.input == index)]))
+    at = np.unique(
+        np.concatenate(
+            [result.volume.nodes_mm(index), *(t.position_mm for t in terms if t.input == index)]
+        )
+    )
     if any(term.by == term.input == index for term in terms):  # bent between the nodes
         at = np.interp(np.arange(len(at) * _BENT - _BENT + 1) / _BENT, np.arange(len(at)), at)
     value, variance = np.zeros(at.shape), np.zeros(at.shape)
@@ -206,9 +254,13 @@ def _added(terms: Sequence[_Term], output: str, moving: str, ends: Sequence[tupl
         if term.output != _LETTERS.index(output):
             continue
         lever = np.mean(ends[term.by]) - term.zero_mm
-        if term.by == term.input == index:  # a work-side axis turns about its own origin: a function of that axis alone
+        if (
+            term.by == term.input == index
+        ):  # a work-side axis turns about its own origin: a function of that axis alone
             value += np.interp(at, term.position_mm, term.per_mm_um) * (at - term.zero_mm)
-            variance += (np.interp(at, term.position_mm, term.u_per_mm_um) * (at - term.zero_mm)) ** 2
+            variance += (
+                np.interp(at, term.position_mm, term.u_per_mm_um) * (at - term.zero_mm)
+            ) ** 2
         elif term.input == index:
             value += np.interp(at, term.position_mm, term.per_mm_um) * lever
             variance += (np.interp(at, term.position_mm, term.u_per_mm_um) * lever) ** 2
@@ -224,7 +276,9 @@ def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _
     """
     result = dict(added)
     for squareness, target in fold.items():
-        (other,) = [name for name in SQUARENESS_SLOPE.get(squareness, {}) if name != target] or [target]
+        (other,) = [name for name in SQUARENESS_SLOPE.get(squareness, {}) if name != target] or [
+            target
+        ]
         if other != target:
             slope = result[other].slope
             result[other] = result[other].sloped(-slope)
@@ -243,33 +297,61 @@ def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
         position_mm=at,
         forward_um=curve.at(at, +1) + more,
         reverse_um=None if curve.reverse_um is None else curve.at(at, -1) + more,
-        u_um=np.hypot(np.interp(at, curve.position_mm, curve.u_um), np.interp(at, added.position_mm, added.u_um)),
+        u_um=np.hypot(
+            np.interp(at, curve.position_mm, curve.u_um),
+            np.interp(at, added.position_mm, added.u_um),
+        ),
         parts=(*curve.parts, *sources),
     )
 
 
 def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
-    """Return the angular functions whose levers are in a curve; a slope may come from the other curve of the pair."""
+    """Return the angular functions whose levers are in a curve; a slope may come from the other
+    curve of the pair."""
     output, moving = (_LETTERS.index(letter) for letter in name[1:])
     mine = [
-        t.source for t in terms if (t.output == output and moving in (t.input, t.by)) or (t.output == moving and output in (t.input, t.by))
+        t.source
+        for t in terms
+        if (t.output == output and moving in (t.input, t.by))
+        or (t.output == moving and output in (t.input, t.by))
     ]
     return tuple(dict.fromkeys(mine))
 
 
 def _products(terms: Sequence[_Term], ends: Sequence[tuple[float, float]]) -> Iterator[Product]:
     """Yield the third summand of the terms, those of the same three axes together."""
-    keys = dict.fromkeys((term.output, term.input, term.by) for term in terms if term.by != term.input)
+    keys = dict.fromkeys(
+        (term.output, term.input, term.by) for term in terms if term.by != term.input
+    )
     for output, moving, by in keys:
-        alike = [term for term in terms if (term.output, term.input, term.by) == (output, moving, by)]
+        alike = [
+            term for term in terms if (term.output, term.input, term.by) == (output, moving, by)
+        ]
         at = np.unique(np.concatenate([term.position_mm for term in alike]))
         half = (ends[by][1] - ends[by][0]) / 2
-        value = half * sum((np.interp(at, term.position_mm, term.per_mm_um) - _mean(term, ends) for term in alike), np.zeros(at.shape))
+        value = half * sum(
+            (np.interp(at, term.position_mm, term.per_mm_um) - _mean(term, ends) for term in alike),
+            np.zeros(at.shape),
+        )
         fine = np.linspace(*ends[moving], _FINE)
-        rms = float(np.sqrt(np.mean(np.interp(fine, at, value) ** 2) / 3))  # the mean square of a lever from -1 to 1 is a third
+        rms = float(
+            np.sqrt(np.mean(np.interp(fine, at, value) ** 2) / 3)
+        )  # the mean square of a lever from -1 to 1 is a third
         if rms > _NOTHING_UM:
-            u = half * np.sqrt(sum((np.interp(at, term.position_mm, term.u_per_mm_um) ** 2 for term in alike), np.zeros(at.shape)))
+            u = half * np.sqrt(
+                sum(
+                    (np.interp(at, term.position_mm, term.u_per_mm_um) ** 2 for term in alike),
+                    np.zeros(at.shape),
+                )
+            )
             yield Product(
-                output_axis=_LETTERS[output], input_axis=_LETTERS[moving], by_axis=_LETTERS[by], position_mm=at, value_um=value, u_um=u,
-                middle_mm=float(np.mean(ends[by])), half_mm=half, rms_um=rms,
-            )  # fmt: skip
+                output_axis=_LETTERS[output],
+                input_axis=_LETTERS[moving],
+                by_axis=_LETTERS[by],
+                position_mm=at,
+                value_um=value,
+                u_um=u,
+                middle_mm=float(np.mean(ends[by])),
+                half_mm=half,
+                rms_um=rms,
+            )

@@ -1,7 +1,9 @@
-"""The correction as a lattice of vectors: the neutral form for volumetric compensation (FANUC 3-D and others), as CSV.
+"""The correction as a lattice of vectors: the neutral form for volumetric compensation (FANUC 3-D
+and others), as CSV.
 
-Every vertex holds the displacement that has to be ADDED to the command, minus the error field of the result with its Abbe arms: this form
-alone can hold what the angular errors do. Between the vertices a control interpolates linearly in three directions (A-79351E p. 3).
+Every vertex holds the displacement that has to be ADDED to the command, minus the error field of
+the result with its Abbe arms: this form alone can hold what the angular errors do. Between the
+vertices a control interpolates linearly in three directions (A-79351E p. 3).
 """
 
 import math
@@ -28,28 +30,40 @@ _DECIMALS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lattice:
-    """Vertices at all combinations of three ascending axes; ``vectors_um`` has shape (nx, ny, nz, 3)."""
+    """Vertices at all combinations of three ascending axes; ``vectors_um`` has shape (nx, ny, nz,
+    3)."""
 
     axes_mm: tuple[Vector, Vector, Vector]
     vectors_um: Vector
 
     def correction_um(self, points_mm: Vector) -> Vector:
-        """Return the trilinear correction at points, shape (N, 3); outside the lattice the values of its faces are held."""
+        """Return the trilinear correction at points, shape (N, 3); outside the lattice the values
+        of its faces are held."""
         total = np.zeros(points_mm.shape)
         cells = [_cell(axis, points_mm[:, index]) for index, axis in enumerate(self.axes_mm)]
         for corner in np.ndindex(2, 2, 2):
             at = tuple(low + side for (low, _), side in zip(cells, corner, strict=True))
-            weight = np.prod([share if side else 1 - share for (_, share), side in zip(cells, corner, strict=True)], axis=0)
+            weight = np.prod(
+                [
+                    share if side else 1 - share
+                    for (_, share), side in zip(cells, corner, strict=True)
+                ],
+                axis=0,
+            )
             total += weight[:, None] * self.vectors_um[at]
         return total
 
 
-def _cell(axis: Vector, at: Vector) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.int64]], Vector]:
+def _cell(
+    axis: Vector, at: Vector
+) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.int64]], Vector]:
     """Return the lower vertex of the cell of each position, and the position within the cell (0 to
     1).
     """
     inside = np.clip(at, axis[0], axis[-1])
-    low = np.clip(np.searchsorted(axis, inside, side="right") - 1, 0, len(axis) - 2).astype(np.int64)
+    low = np.clip(np.searchsorted(axis, inside, side="right") - 1, 0, len(axis) - 2).astype(
+        np.int64
+    )
     return low, (inside - axis[low]) / (axis[low + 1] - axis[low])
 
 
@@ -59,18 +73,27 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
     Raises ``SafetyError`` for a step that does not fit, ``DataError`` for axes measured alone.
     """
     if not result.volume.solid:
-        raise DataError(f"{result.source}: volume", expected=message("of-volume"), found=message("axes-alone"))
+        raise DataError(
+            f"{result.source}: volume", expected=message("of-volume"), found=message("axes-alone")
+        )
     steps_mm = np.broadcast_to(step_mm, 3).tolist()
-    count = math.prod(size / each + 1.0 for size, each in zip(result.volume.size_mm, steps_mm, strict=True))
+    count = math.prod(
+        size / each + 1.0 for size, each in zip(result.volume.size_mm, steps_mm, strict=True)
+    )
     if not count <= MOST_LINES:
         found = ", ".join(f"{each:g}" for each in dict.fromkeys(steps_mm))
-        raise UsageError("--step-mm", expected=message("vertices-step", count=MOST_LINES), found=f"{found} mm")
+        raise UsageError(
+            "--step-mm", expected=message("vertices-step", count=MOST_LINES), found=f"{found} mm"
+        )
     x, y, z = (_axis(result.volume, index, each) for index, each in enumerate(steps_mm))
     return lattice_on(result, (x, y, z))
 
 
-def lattice_on(result: Result, axes_mm: tuple[Vector, Vector, Vector], active: Lattice | None = None) -> Lattice:
-    """Return the lattice on these axes, to a nanometre; what lies outside the measured volume has the error of its nearest point.
+def lattice_on(
+    result: Result, axes_mm: tuple[Vector, Vector, Vector], active: Lattice | None = None
+) -> Lattice:
+    """Return the lattice on these axes, to a nanometre; what lies outside the measured volume has
+    the error of its nearest point.
 
     ``active`` acted while the result was measured: the new one takes its place.
     """
@@ -88,7 +111,11 @@ def render(lattice: Lattice) -> ControlFile:
     rows = [HEADER]
     for index in np.ndindex(lattice.vectors_um.shape[:3]):
         place = [shortest(float(axis[n])) for axis, n in zip(lattice.axes_mm, index, strict=True)]
-        rows.append(",".join([*place, *(fixed(float(value), _DECIMALS) for value in lattice.vectors_um[index])]))
+        rows.append(
+            ",".join(
+                [*place, *(fixed(float(value), _DECIMALS) for value in lattice.vectors_um[index])]
+            )
+        )
     return ControlFile(name="lattice.csv", data=ascii_lines(rows))
 
 
@@ -98,7 +125,8 @@ def recognises(file: ControlFile) -> bool:
 
 
 def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
-    """Return the lattice that was active. Raises ``SafetyError`` where ``files`` are anything else."""
+    """Return the lattice that was active. Raises ``SafetyError`` where ``files`` are anything
+    else."""
     given = [file for file in files if recognises(file)]
     if len(files) != 1 or not given:
         raise SafetyError(
@@ -112,17 +140,27 @@ def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
 
 
 def parse(file: ControlFile) -> Lattice:
-    """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for a lattice with holes."""
+    """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for
+    a lattice with holes."""
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=message("header-of-words", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
+        raise DataError(
+            file.name,
+            expected=message("header-of-words", words=HEADER),
+            found=lines[0][1] if lines else message("empty-file"),
+        )
     rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 6)
     axes = tuple(np.unique(rows[:, index]) for index in range(3))
     shape = tuple(len(axis) for axis in axes)
     whole = min(shape) >= 2 and math.prod(shape) == len(rows)
-    if not whole or not np.array_equal(rows[:, :3], np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)):
+    if not whole or not np.array_equal(
+        rows[:, :3], np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    ):
         raise DataError(
-            file.name, expected=message("whole-lattice"), found=message("count-rows", count=len(rows)), remedy=message("mixed-up")
+            file.name,
+            expected=message("whole-lattice"),
+            found=message("count-rows", count=len(rows)),
+            remedy=message("mixed-up"),
         )
     return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=rows[:, 3:].reshape(*shape, 3))
 
@@ -139,7 +177,10 @@ def _axis(volume: Volume, index: int, step_mm: float) -> Vector:
     count = whole_steps(size, step_mm)
     if count is None:
         raise SafetyError(
-            "--step-mm", code="grid-unfit.step", expected=message("divides-of", size_mm=size, axis="XYZ"[index]), found=f"{step_mm:g} mm"
+            "--step-mm",
+            code="grid-unfit.step",
+            expected=message("divides-of", size_mm=size, axis="XYZ"[index]),
+            found=f"{step_mm:g} mm",
         )
     steps: Vector = low + step_mm * np.arange(count + 1, dtype=np.float64)
     return steps

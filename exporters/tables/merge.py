@@ -26,7 +26,10 @@ def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -
     Raises ``SafetyError`` (``direction-unfit.active``) if an active table acts in a single
     direction and the new table would act in both.
     """
-    return tuple(_merged(curve, [table for table in active if table.name == curve.name], profile) for curve in curves)
+    return tuple(
+        _merged(curve, [table for table in active if table.name == curve.name], profile)
+        for curve in curves
+    )
 
 
 def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
@@ -57,8 +60,9 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
 def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int) -> Vector:
     """Return the error of the bare machine on a grid.
 
-    The residual is known at the measured positions, with what the control did there: its steps, where it compensates in steps. So the
-    steps are taken off at these positions, before anything is joined by straight lines; the old table between them is kept in full.
+    The residual is known at the measured positions, with what the control did there: its steps,
+    where it compensates in steps. So the steps are taken off at these positions, before anything is
+    joined by straight lines; the old table between them is kept in full.
     """
     measured = curve.position_mm
     steps = summed_um(active, measured, direction) - _joined_um(active, measured, direction)
@@ -67,5 +71,10 @@ def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: 
 
 
 def _joined_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
-    """Return what active tables add, stepped ones joined by straight lines: what the machine needs, not what its control can."""
-    return summed_um([replace(table, law=replace(table.law, between="linear")) for table in active], position_mm, direction)
+    """Return what active tables add, stepped ones joined by straight lines: what the machine needs,
+    not what its control can."""
+    return summed_um(
+        [replace(table, law=replace(table.law, between="linear")) for table in active],
+        position_mm,
+        direction,
+    )

@@ -1,4 +1,5 @@
-"""Back to where a control was, for controls whose tables come in lists: its own files, and zeros for what they do not hold."""
+"""Back to where a control was, for controls whose tables come in lists: its own files, and zeros
+for what they do not hold."""
 
 from collections.abc import Callable, Hashable, Sequence
 
@@ -10,16 +11,29 @@ from stepdiag.exporters.tables.tables import Table, zeroed
 NO_TABLE_BEFORE = "RESTORE: no table before, so all values zero"
 
 
-def lacking(controller: Controller, tables: Sequence[Table], profile: Profile, place: Callable[[Table], Hashable]) -> tuple[Table, ...]:
+def lacking(
+    controller: Controller,
+    tables: Sequence[Table],
+    profile: Profile,
+    place: Callable[[Table], Hashable],
+) -> tuple[Table, ...]:
     """Return ``tables`` as zeros as far as the machine's own files hold none at their ``place``."""
-    held = {place(table) for table in controller.parse(profile.existing, profile)} if profile.existing else set()
+    held = (
+        {place(table) for table in controller.parse(profile.existing, profile)}
+        if profile.existing
+        else set()
+    )
     return tuple(table for table in zeroed(tables) if place(table) not in held)
 
 
 def own_and_zeros(
-    controller: Controller, tables: Sequence[Table], profile: Profile, place: Callable[[Table], Hashable]
+    controller: Controller,
+    tables: Sequence[Table],
+    profile: Profile,
+    place: Callable[[Table], Hashable],
 ) -> tuple[ControlFile, ...]:
-    """Return the machine's own files, and files of zeros for the tables whose ``place`` none of them holds."""
+    """Return the machine's own files, and files of zeros for the tables whose ``place`` none of
+    them holds."""
     zeros = lacking(controller, tables, profile, place)
     rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()
     return (*profile.existing, *without_notes(rendered))

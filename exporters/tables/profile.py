@@ -36,19 +36,26 @@ correction has to be accepted, above twice the limit it is refused.
 CHANGE_UM_M = 80.0
 """Growth of a poor machine (60 um/m, k = 1) and the drift beside it."""
 SHORTEST_TRAVEL_MM = 500.0
-"""Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the limits of this one, 200, 400 and 40 um."""
-AxisName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="name-of-letters")]
+"""Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the
+limits of this one, 200, 400 and 40 um."""
+AxisName = Annotated[
+    str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="name-of-letters")
+]
 """The name stands in files for the control and in names of files: its characters have no other
 meaning there.
 """
 Line = Annotated[
     str,
     msgspec.Meta(
-        max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one line of text of at most 200 characters"
+        max_length=200,
+        pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z",
+        description="one line of text of at most 200 characters",
     ),
 ]
 """A text that the report shows in a single line cannot become several lines."""
-PlainPath = Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")]
+PlainPath = Annotated[
+    str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")
+]
 
 
 class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -81,8 +88,8 @@ class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_on
 class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """``[limits]``: where the safety checks warn and refuse (controllers.md 10).
 
-    None of a size: the limit grows with the travel, as errors do. None of the slope: the control's own limit, or what is plausible where it
-    has none.
+    None of a size: the limit grows with the travel, as errors do. None of the slope: the control's
+    own limit, or what is plausible where it has none.
     """
 
     value_um: Positive | None = None
@@ -92,16 +99,22 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
     points: Annotated[int, msgspec.Meta(ge=2)] | None = None
 
     def at(self, travel_mm: float) -> "TravelLimits":
-        """Return the limits of sizes for a travel in mm, in um; a limit that the profile states stands."""
-        warn, change = (max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0 for um_m in (WARN_UM_M, CHANGE_UM_M))
+        """Return the limits of sizes for a travel in mm, in um; a limit that the profile states
+        stands."""
+        warn, change = (
+            max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0 for um_m in (WARN_UM_M, CHANGE_UM_M)
+        )
         return TravelLimits(
-            value_um=self.value_um or 2.0 * warn, warn_value_um=self.warn_value_um or warn, change_um=self.change_um or change
+            value_um=self.value_um or 2.0 * warn,
+            warn_value_um=self.warn_value_um or warn,
+            change_um=self.change_um or change,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TravelLimits:
-    """Limits of one table, in um: of the correction, of what has to be accepted, of the change against the table in the control."""
+    """Limits of one table, in um: of the correction, of what has to be accepted, of the change
+    against the table in the control."""
 
     value_um: float
     warn_value_um: float
@@ -128,7 +141,11 @@ class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
     def as_toml(self) -> str:
         """Return the record as a profile holds it."""
-        lines = [f"{name} = {_toml(getattr(self, name))}" for name in self.__struct_fields__ if getattr(self, name)]
+        lines = [
+            f"{name} = {_toml(getattr(self, name))}"
+            for name in self.__struct_fields__
+            if getattr(self, name)
+        ]
         return "\n".join(["[[sign_test]]", *lines, ""])
 
 
@@ -152,15 +169,25 @@ class Profile:
     source: str = "profile"
 
     def options_as(self, model: type[Options]) -> Options:
-        """Return the controller's own section as its model. Raises ``UsageError`` for another controller's profile."""
+        """Return the controller's own section as its model. Raises ``UsageError`` for another
+        controller's profile."""
         if not isinstance(self.options, model):
-            raise UsageError(f"{self.source}: machine.controller", expected=message("profile-this"), found=self.machine.controller)
+            raise UsageError(
+                f"{self.source}: machine.controller",
+                expected=message("profile-this"),
+                found=self.machine.controller,
+            )
         return self.options
 
     def axis(self, letter: str) -> AxisSection:
-        """Return the section of axis X, Y or Z. Raises ``UsageError`` for an axis that the profile does not name."""
+        """Return the section of axis X, Y or Z. Raises ``UsageError`` for an axis that the profile
+        does not name."""
         if letter not in self.axes:
-            raise UsageError(f"{self.source}: axes.{letter}", expected=message("section-axes", letter=letter), found=message("nothing"))
+            raise UsageError(
+                f"{self.source}: axes.{letter}",
+                expected=message("section-axes", letter=letter),
+                found=message("nothing"),
+            )
         return self.axes[letter]
 
     @property
@@ -168,21 +195,34 @@ class Profile:
         """Return, by axis, the part of the travel with the best fit of the tables, for axes with a
         zone.
         """
-        return {letter: axis.working_mm for letter, axis in self.axes.items() if axis.working_mm is not None}
+        return {
+            letter: axis.working_mm
+            for letter, axis in self.axes.items()
+            if axis.working_mm is not None
+        }
 
     def letter_of(self, name: str, where: str) -> str:
-        """Return X, Y or Z for an axis name of the control. Raises ``UsageError`` naming ``where`` for a foreign name."""
+        """Return X, Y or Z for an axis name of the control. Raises ``UsageError`` naming ``where``
+        for a foreign name."""
         names = {axis.name: letter for letter, axis in self.axes.items()}
         if name not in names:
-            raise UsageError(where, expected=message("axis-named"), found=name, remedy=nearest(name, list(names)))
+            raise UsageError(
+                where, expected=message("axis-named"), found=name, remedy=nearest(name, list(names))
+            )
         return names[name]
 
     def grid_mm(self, letter: str) -> Vector:
-        """Return the table positions of an axis, ascending. Raises ``SafetyError`` where the step does not fit."""
+        """Return the table positions of an axis, ascending. Raises ``SafetyError`` where the step
+        does not fit."""
         axis = self.axis(letter)
         if axis.start_mm is None or axis.end_mm is None:
             remedy = message("start-end-from")
-            raise UsageError(f"{self.source}: axes.{letter}", expected=message("start-end"), found=message("nothing"), remedy=remedy)
+            raise UsageError(
+                f"{self.source}: axes.{letter}",
+                expected=message("start-end"),
+                found=message("nothing"),
+                remedy=remedy,
+            )
         sections = (axis.end_mm - axis.start_mm) / axis.step_mm
         if not abs(sections) <= MOST_SECTIONS:
             raise UsageError(
@@ -197,7 +237,10 @@ class Profile:
                 code="grid-unfit.step",
                 expected=message("step-that-divides", size_mm=axis.end_mm - axis.start_mm),
                 found=message("step-in-sections", step_mm=axis.step_mm, count=sections),
-                remedy=message("nearest-that-fits", step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}"),
+                remedy=message(
+                    "nearest-that-fits",
+                    step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}",
+                ),
             )
         grid: Vector = axis.start_mm + axis.step_mm * np.arange(count + 1, dtype=np.float64)
         return grid
@@ -209,11 +252,15 @@ class Profile:
 
 
 def whole_steps(travel_mm: float, step_mm: float) -> int | None:
-    """Return how many steps a travel has, None where it is not a whole number of them (controllers.md 3.2: (MAX - MIN) / STEP must be an
-    integer; a control accepts less, and then holds old values).
+    """Return how many steps a travel has, None where it is not a whole number of them
+    (controllers.md 3.2: (MAX - MIN) / STEP must be an integer; a control accepts less, and then
+    holds old values).
 
-    The positions of a survey make the travel differ: one digit of an encoder, or G91 in a program of few decimals, which adds up.
+    The positions of a survey make the travel differ: one digit of an encoder, or G91 in a program
+    of few decimals, which adds up.
     """
     count = round(travel_mm / step_mm)
-    near = abs(travel_mm - count * step_mm) <= max(min(NEARLY_MM, step_mm / 100.0), 1e-9 * travel_mm)
+    near = abs(travel_mm - count * step_mm) <= max(
+        min(NEARLY_MM, step_mm / 100.0), 1e-9 * travel_mm
+    )
     return count if count >= 1 and near else None

@@ -10,7 +10,9 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
 
-def tables_in(controller: Controller, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+def tables_in(
+    controller: Controller, files: Sequence[ControlFile], profile: Profile
+) -> tuple[Table, ...]:
     """Return the tables as read by the control. Raises ``DataError`` for a table that stands there
     twice, as in a file and its copy.
     """
@@ -19,8 +21,10 @@ def tables_in(controller: Controller, files: Sequence[ControlFile], profile: Pro
     for table in tables:
         if table.identity in seen:
             raise DataError(
-                ", ".join(file.name for file in files), expected=message("one-table", label=table.label), found=message("count-twice"),
+                ", ".join(file.name for file in files),
+                expected=message("one-table", label=table.label),
+                found=message("count-twice"),
                 remedy=message("every-file-once"),
-            )  # fmt: skip
+            )
         seen.add(table.identity)
     return tables

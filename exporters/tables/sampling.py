@@ -1,4 +1,5 @@
-"""From a curve to the values of a table: sampled on the profile's grid, zero at the reference, quantised once."""
+"""From a curve to the values of a table: sampled on the profile's grid, zero at the reference,
+quantised once."""
 
 import numpy as np
 
@@ -9,7 +10,8 @@ from stepdiag.exporters.tables.tables import Law, Table
 
 
 def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
-    """Return grid (mm), error when travelling in + and in - (um); the error in + is zero at the axis' reference position.
+    """Return grid (mm), error when travelling in + and in - (um); the error in + is zero at the
+    axis' reference position.
 
     With ``machine.direction = "mean"`` both directions hold the mean. The remaining value at the
     reference in - is the reversal there. The zero is that of the interpolated table, not of the
@@ -35,7 +37,13 @@ def quantised(value_um: Vector, quantum_um: float) -> Vector:
 
 
 def absolute_tables(
-    curve: Curve, profile: Profile, *, kind: str, law: Law, quantum_um: float, place: dict[str, int | str]
+    curve: Curve,
+    profile: Profile,
+    *,
+    kind: str,
+    law: Law,
+    quantum_um: float,
+    place: dict[str, int | str],
 ) -> tuple[Table, ...]:
     """Return a table for a curve, or one per direction (+ first), for controls with absolute
     values.

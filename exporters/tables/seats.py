@@ -9,7 +9,9 @@ from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.tables.tables import Table
 
 
-def overwritten(own: Iterable[Table], new: Sequence[Table], seat: Callable[[Table], Hashable]) -> tuple[Table, ...]:
+def overwritten(
+    own: Iterable[Table], new: Sequence[Table], seat: Callable[[Table], Hashable]
+) -> tuple[Table, ...]:
     """Return the tables of a control with a table (or a set) per ``seat``: the new tables, and old
     tables of other seats.
     """
@@ -18,6 +20,7 @@ def overwritten(own: Iterable[Table], new: Sequence[Table], seat: Callable[[Tabl
 
 
 def copied(own: Iterable[ControlFile], new: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
-    """Return the files of a folder after ``new`` were copied over ``own``: the later of each name, suffixes of exports aside."""
+    """Return the files of a folder after ``new`` were copied over ``own``: the later of each name,
+    suffixes of exports aside."""
     held = {plain_name(file.name).upper(): file for file in own}
     return tuple({**held, **{plain_name(file.name).upper(): file for file in new}}.values())

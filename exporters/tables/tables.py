@@ -37,10 +37,15 @@ _SPOTS: Mapping[str, Message] = {
 
 
 _LAW_WORDS = {
-    "as-error": message("law-as-error"), "as-compensation": message("law-as-compensation"), "absolute": message("law-absolute"),
-    "incremental": message("law-incremental"), "linear": message("law-linear"), "stepped": message("law-stepped"),
-    "held": message("law-held"), "extended": message("law-extended"),
-}  # fmt: skip
+    "as-error": message("law-as-error"),
+    "as-compensation": message("law-as-compensation"),
+    "absolute": message("law-absolute"),
+    "incremental": message("law-incremental"),
+    "linear": message("law-linear"),
+    "stepped": message("law-stepped"),
+    "held": message("law-held"),
+    "extended": message("law-extended"),
+}
 
 
 def _spot(what: str) -> Words:
@@ -51,10 +56,11 @@ def _spot(what: str) -> Words:
 class Law:
     """The law by which a control applies a table (controllers.md 1).
 
-    ``sense``: a positive value moves the output axis in - (``as-error``) or in + (``as-compensation``).
-    ``data``: values stand for themselves, or are the change since the point before, read in the + direction.
-    ``between``: interpolated linearly, or stepped: the value changes when its point is passed.
-    ``ends``: outside the table the end value is held, or the end section is extended as a straight line.
+    ``sense``: a positive value moves the output axis in - (``as-error``) or in +
+    (``as-compensation``). ``data``: values stand for themselves, or are the change since the point
+    before, read in the + direction. ``between``: interpolated linearly, or stepped: the value
+    changes when its point is passed. ``ends``: outside the table the end value is held, or the end
+    section is extended as a straight line.
     """
 
     sense: Sense
@@ -71,12 +77,15 @@ class Law:
     def words(self) -> Message:
         """Return the law in one sentence."""
         parts = [_LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)]
-        return message("law-of-kind", sense=parts[0], data=parts[1], between=parts[2], ends=parts[3])
+        return message(
+            "law-of-kind", sense=parts[0], data=parts[1], between=parts[2], ends=parts[3]
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Multiplier:
-    """By what a control multiplies a table: a function of another axis without a unit, 1 at its largest; linear between its points.
+    """By what a control multiplies a table: a function of another axis without a unit, 1 at its
+    largest; linear between its points.
 
     Outside its points it is held or extended by ``ends``.
     """
@@ -89,18 +98,27 @@ class Multiplier:
     def at(self, position_mm: Vector) -> Vector:
         """Return the factor at positions of its axis."""
         inside = np.interp(position_mm, self.position_mm, self.value)
-        return _extended(position_mm, self.position_mm, self.value, inside) if self.ends == "extended" else inside
+        return (
+            _extended(position_mm, self.position_mm, self.value, inside)
+            if self.ends == "extended"
+            else inside
+        )
 
     @property
     def is_straight(self) -> bool:
         """Return whether its points lie on one straight line."""
         slope, zero_mm = self.line
-        return slope != 0.0 and bool(np.allclose(self.value, slope * (self.position_mm - zero_mm), rtol=0, atol=1e-3))
+        return slope != 0.0 and bool(
+            np.allclose(self.value, slope * (self.position_mm - zero_mm), rtol=0, atol=1e-3)
+        )
 
     @property
     def line(self) -> tuple[float, float]:
-        """Return slope per mm, and the position in mm where it is zero, of the line through its ends (0 and 0 for none)."""
-        slope = float((self.value[-1] - self.value[0]) / (self.position_mm[-1] - self.position_mm[0]))
+        """Return slope per mm, and the position in mm where it is zero, of the line through its
+        ends (0 and 0 for none)."""
+        slope = float(
+            (self.value[-1] - self.value[0]) / (self.position_mm[-1] - self.position_mm[0])
+        )
         return (slope, float(self.position_mm[0] - self.value[0] / slope)) if slope else (0.0, 0.0)
 
 
@@ -132,7 +150,8 @@ class Table:
 
     @property
     def name(self) -> str:
-        """Return the ISO 230-1 name of the function that the table corrects, for example EYX; of a product as ``EYX*Z``."""
+        """Return the ISO 230-1 name of the function that the table corrects, for example EYX; of a
+        product as ``EYX*Z``."""
         by = "" if self.multiplier is None else f"*{self.multiplier.axis}"
         return f"E{self.output_axis}{self.input_axis}{by}"
 
@@ -140,18 +159,28 @@ class Table:
     def label(self) -> Message:
         """Return a name for messages: function, kind, direction and place."""
         way = [message("table-direction", sign=f"{self.direction:+d}"[0])] if self.direction else []
-        spots = [message("table-spot", what=_spot(what), where=str(where)) for what, where in self.place.items()]
+        spots = [
+            message("table-spot", what=_spot(what), where=str(where))
+            for what, where in self.place.items()
+        ]
         return message("table-label", function=self.name, parts=[self.kind, *way, *spots])
 
     @property
     def identity(self) -> tuple[object, ...]:
         """Return the identity of a table among the tables of a control, independent of its file."""
-        place = tuple(sorted((key, str(value)) for key, value in self.place.items() if key not in ("file", "list")))
+        place = tuple(
+            sorted(
+                (key, str(value))
+                for key, value in self.place.items()
+                if key not in ("file", "list")
+            )
+        )
         return self.kind, self.name, self.direction, place
 
     @property
     def absolute_um(self) -> Vector:
-        """Return the values as absolute numbers in the table's own sense, shape of ``position_mm``."""
+        """Return the values as absolute numbers in the table's own sense, shape of
+        ``position_mm``."""
         if self.law.data == "absolute":
             return self.value_um
         summed = np.cumsum(self.value_um)
@@ -160,10 +189,11 @@ class Table:
 
 
 def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vector:
-    """Return how far the law moves the output axis, in um in its + direction, at positions of the input axis.
+    """Return how far the law moves the output axis, in um in its + direction, at positions of the
+    input axis.
 
-    ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0. Of a product it is what the table
-    moves where its multiplier is 1.
+    ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0.
+    Of a product it is what the table moves where its multiplier is 1.
     """
     at = np.asarray(position_mm, dtype=np.float64)
     if table.direction not in (0, direction):
@@ -181,7 +211,10 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
 
 def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
     """Return `correction_um` of tables of one input and output axis together."""
-    return sum((correction_um(table, position_mm, direction) for table in tables), np.zeros(np.shape(position_mm)))
+    return sum(
+        (correction_um(table, position_mm, direction) for table in tables),
+        np.zeros(np.shape(position_mm)),
+    )
 
 
 def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:
@@ -192,19 +225,24 @@ def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Ve
 
 
 def total_correction_um(tables: Iterable[Table], points_mm: Vector, direction: int = 1) -> Vector:
-    """Return the sum of all tables at commanded points, shape (N, 3): the displacement of the tool they cause."""
+    """Return the sum of all tables at commanded points, shape (N, 3): the displacement of the tool
+    they cause."""
     total = np.zeros(np.shape(points_mm))
     for table in tables:
         moved = correction_um(table, points_mm[:, AXES.index(table.input_axis.lower())], direction)
         if table.multiplier is not None:
-            moved = moved * table.multiplier.at(points_mm[:, AXES.index(table.multiplier.axis.lower())])
+            moved = moved * table.multiplier.at(
+                points_mm[:, AXES.index(table.multiplier.axis.lower())]
+            )
         total[:, AXES.index(table.output_axis.lower())] += moved
     return total
 
 
 def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
     """Return `total_correction_um`, mean of both directions of travel."""
-    return (total_correction_um(tables, points_mm, +1) + total_correction_um(tables, points_mm, -1)) / 2
+    return (
+        total_correction_um(tables, points_mm, +1) + total_correction_um(tables, points_mm, -1)
+    ) / 2
 
 
 def joined(table: Table) -> Table:
@@ -217,24 +255,34 @@ def plain_rows(table: Table) -> tuple[str, ...]:
     rows = zip(table.position_mm, table.value_um, strict=True)
     return (
         f"{'point':>6} {'position mm':>14} {'value µm':>12}",
-        *(f"{index:>6} {position:>14.4f} {fixed(value, 3):>12}" for index, (position, value) in enumerate(rows)),
+        *(
+            f"{index:>6} {position:>14.4f} {fixed(value, 3):>12}"
+            for index, (position, value) in enumerate(rows)
+        ),
     )
 
 
 def require_rising(position_mm: Vector, where: str) -> None:
     """Raise ``DataError`` unless there are two or more positions, each above the last."""
     if len(position_mm) < 2 or np.any(np.diff(position_mm) <= 0.0):
-        raise DataError(where, expected=message("two-rising"), found=message("not-all-rise", count=len(position_mm)))
+        raise DataError(
+            where,
+            expected=message("two-rising"),
+            found=message("not-all-rise", count=len(position_mm)),
+        )
 
 
 def zeroed(tables: Iterable[Table]) -> tuple[Table, ...]:
-    """Return the same tables with every value 0: what a restore file writes when no table was active before."""
+    """Return the same tables with every value 0: what a restore file writes when no table was
+    active before."""
     return tuple(
         replace(
             table,
             value_um=np.zeros(table.value_um.shape),
             offset_um=0.0,
-            multiplier=None if table.multiplier is None else replace(table.multiplier, value=np.zeros(table.multiplier.value.shape)),
+            multiplier=None
+            if table.multiplier is None
+            else replace(table.multiplier, value=np.zeros(table.multiplier.value.shape)),
         )
         for table in tables
     )

@@ -16,7 +16,15 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT
 from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
-from stepdiag.solver.adjustment.faults import MOST, Suspicion, effects_for, most_suspicious, trial_of, weight_without, with_apart
+from stepdiag.solver.adjustment.faults import (
+    MOST,
+    Suspicion,
+    effects_for,
+    most_suspicious,
+    trial_of,
+    weight_without,
+    with_apart,
+)
 from stepdiag.solver.adjustment.naming import name_excess, name_explained, name_suspicion
 from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
 from stepdiag.solver.adjustment.signs import unseen_signs, wrong_signs
@@ -24,7 +32,13 @@ from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
-from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head, between_of, effect_between
+from stepdiag.solver.model.between import (
+    BETWEEN,
+    Between,
+    between_beside_head,
+    between_of,
+    effect_between,
+)
 from stepdiag.solver.model.design import Design, Model, build_design, machine_rows
 from stepdiag.solver.model.effects import (
     ANGLES,
@@ -41,7 +55,12 @@ from stepdiag.solver.model.effects import (
     angle_shapes,
     effects_of,
 )
-from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows, of_known_angles
+from stepdiag.solver.model.lateral import (
+    MeasuredStraightness,
+    lateral_angles,
+    lateral_rows,
+    of_known_angles,
+)
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import assumed_noise, variance_scale
 from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior, origin_pattern
@@ -50,9 +69,11 @@ from stepdiag.solver.model.warmth import at_one_temperature
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
-"""Effects whose sizes are found before wrong stops are: none of them bends to hold a single stop."""
+"""Effects whose sizes are found before wrong stops are: none of them bends to hold a single
+stop."""
 SETTLED = 0.02
-"""Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
+"""Sizes that change by less than this share are found: what they are of is hardly known to a
+tenth."""
 PLAUSIBLE = {SETUP_SCALE: 2.0}
 """Scale of effects in the search for contradictions: usual size, and twice for scales of setups, as
 in one shop of ten: a single length compares all seven setups, and a survey cannot separate a shop
@@ -90,11 +111,15 @@ class Adjustment:
 
     @property
     def tilt_mrad(self) -> Vector:
-        """Return the lean of every setup's mirror from the machine's diagonal, shape (setups, 3)."""
-        return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
+        """Return the lean of every setup's mirror from the machine's diagonal, shape (setups,
+        3)."""
+        return _tilts(
+            self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups)
+        )
 
     def first_cause(self, name: str) -> int:
-        """Return the place of the first cause of an effect among all causes. Raises ``ValueError`` where there is no such effect."""
+        """Return the place of the first cause of an effect among all causes. Raises ``ValueError``
+        where there is no such effect."""
         names = [effect.name for effect in self.effects]
         return sum(effect.count for effect in self.effects[: names.index(name)])
 
@@ -104,7 +129,9 @@ class Adjustment:
         `PRODUCTS`, and the um of each.
         """
         size_um = self.explained.spread[self.explained.of(PRODUCT)]
-        return dict(enumerate(size_um.tolist(), self.first_cause(BESIDE))) if np.any(size_um) else {}
+        return (
+            dict(enumerate(size_um.tolist(), self.first_cause(BESIDE))) if np.any(size_um) else {}
+        )
 
     def as_usual(self, *found: str) -> MixedFit:
         """Return the fit with no cause but growth larger than usual: a contradiction is named, even
@@ -115,25 +142,41 @@ class Adjustment:
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
     def plausible(self, *found: str) -> MixedFit:
-        """Return the fit `as_usual`, with causes of the names ``found`` as large as found and as assumed at least."""
+        """Return the fit `as_usual`, with causes of the names ``found`` as large as found and as
+        assumed at least."""
         kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
         factor = np.where(kept, np.maximum(1.0, 1.0 / self.sizes.factor), 1.0)
-        return sized(self.as_usual(*found), np.repeat(factor, [effect.count for effect in self.effects]))
+        return sized(
+            self.as_usual(*found), np.repeat(factor, [effect.count for effect in self.effects])
+        )
 
     @property
     def residual_um(self) -> Vector:
-        """Return what each reading differs from the machine by, with what its moves missed, shape (m,)."""
+        """Return what each reading differs from the machine by, with what its moves missed, shape
+        (m,)."""
         columns, arrival = self.design.columns, self.layout.arrival
         missed = self.fit.unknowns[columns.miss :]
-        by_miss = missed[np.maximum(arrival, 0)] * (arrival >= 0) if len(missed) else np.zeros(arrival.shape)
-        found: Vector = self.fit.residual[: len(self.layout)] + np.sum(self.layout.direction * by_miss, axis=1)
+        by_miss = (
+            missed[np.maximum(arrival, 0)] * (arrival >= 0)
+            if len(missed)
+            else np.zeros(arrival.shape)
+        )
+        found: Vector = self.fit.residual[: len(self.layout)] + np.sum(
+            self.layout.direction * by_miss, axis=1
+        )
         return found
 
 
-def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
-    kept = np.array([effect.name in (*found, GROWTH, FIRST_STOPS) for effect in effects], dtype=np.bool_)
+def _as_usual(
+    fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()
+) -> MixedFit:
+    kept = np.array(
+        [effect.name in (*found, GROWTH, FIRST_STOPS) for effect in effects], dtype=np.bool_
+    )
     usual = np.array([PLAUSIBLE.get(effect.name, 1.0) for effect in effects])
-    factor = np.where(kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor)))
+    factor = np.where(
+        kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor))
+    )
     factor[[effect.name in (ONE_SCALE, ONE_WALK, BESIDE) for effect in effects]] = 0.0
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
@@ -158,7 +201,8 @@ def adjust(
 
 
 def _both_ways(layout: Layout) -> bool:
-    """Return whether any setup was driven out and back: then backlash lies between its two ways, and is no fault of the laser's count."""
+    """Return whether any setup was driven out and back: then backlash lies between its two ways,
+    and is no fault of the laser's count."""
     ways = {(key.setup, key.outward) for key in layout.passes}
     return any((name, not outward) in ways for name, outward in ways)
 
@@ -167,7 +211,12 @@ class _Task:
     """The rounds of one adjustment: they share the rows and change target and weights."""
 
     def __init__(
-        self, layout: Layout, chain: str, angles: Angles, straightness: Sequence[MeasuredStraightness], assumed: Assumptions
+        self,
+        layout: Layout,
+        chain: str,
+        angles: Angles,
+        straightness: Sequence[MeasuredStraightness],
+        assumed: Assumptions,
     ) -> None:
         self.layout = layout
         self.chain = chain
@@ -188,7 +237,9 @@ class _Task:
         self.usual_u = self.u.copy()
         first = len(self.u) - len(prior.u)
         self.sized = [first + rows for rows in prior.found]
-        self.misses = Misses(rows=first + prior.misses, kind=_kinds_of_misses(layout)[: len(prior.misses)])
+        self.misses = Misses(
+            rows=first + prior.misses, kind=_kinds_of_misses(layout)[: len(prior.misses)]
+        )
         self.usual_scatter = Scatter.assumed(layout, assumed)
         self._take(self.usual_scatter)
         self.kept = np.ones(len(self.u))
@@ -201,12 +252,18 @@ class _Task:
         self.effects = list(effects_of(layout, chain, self.shapes, assumed))
         if self.between.count:
             self.effects.append(effect_between(layout, self.between))
-        turned = np.pad(lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0)))
+        turned = np.pad(
+            lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0))
+        )
         self.beside = {
             ANGLES: turned[:, : self.shapes.long],
             SHORT_ANGLES: turned[:, self.shapes.long :],
-            BETWEEN: np.pad(between_beside_head(layout, straightness, self.between), ((0, len(prior.u)), (0, 0))),
-            "angle origin": np.pad(origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))),
+            BETWEEN: np.pad(
+                between_beside_head(layout, straightness, self.between), ((0, len(prior.u)), (0, 0))
+            ),
+            "angle origin": np.pad(
+                origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))
+            ),
         }
         if self.beside["angle origin"].shape[1]:
             text = message("assumed-angle-origin")
@@ -224,7 +281,9 @@ class _Task:
         # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found
         # without the stop
         self.clean = True
-        current = self._find_scatter(self._find_sizes(self._with_effects(current.fixed)), robust=False)
+        current = self._find_scatter(
+            self._find_sizes(self._with_effects(current.fixed)), robust=False
+        )
         current = self._open_beside(current)
         self.findings += assumed_noise(unshown(self.scatter, self.layout))
         used = self.kept > 0
@@ -252,20 +311,31 @@ class _Task:
         well as any explanation does. Each cause keeps its size: growth found anew would leave the
         share of both to a scale.
         """
-        alike = np.array([effect.name in (GROWTH, SETUP_SCALE) for effect in self.effects], dtype=np.bool_)
+        alike = np.array(
+            [effect.name in (GROWTH, SETUP_SCALE) for effect in self.effects], dtype=np.bool_
+        )
         factor = np.where(alike, np.minimum(1.0, 1.0 / self.sizes.factor), 1.0)
         usual = sized(current, np.repeat(factor, [effect.count for effect in self.effects]))
         every = counts(usual.fixed, self.layout)
         growth = [effect.pattern_um for effect in self.effects if effect.name == GROWTH]
-        self.explained = explained(usual, self.layout, np.hstack([np.zeros((len(self.layout), 0)), *growth]), every)
+        self.explained = explained(
+            usual, self.layout, np.hstack([np.zeros((len(self.layout), 0)), *growth]), every
+        )
         self.findings += name_explained(self.layout, self.explained)
         opened = effects_beside(self.layout, self.explained)
         if not opened:
             return current
         self.effects += opened
-        self.sizes = Sizes(np.pad(self.sizes.factor, (0, len(opened)), constant_values=1.0), np.pad(self.sizes.sought, (0, len(opened))))
+        self.sizes = Sizes(
+            np.pad(self.sizes.factor, (0, len(opened)), constant_values=1.0),
+            np.pad(self.sizes.sought, (0, len(opened))),
+        )
         causes = self._causes(current.fixed, self.effects)
-        return MixedFit(current.fixed, causes, np.repeat(self.sizes.factor, [effect.count for effect in self.effects]))
+        return MixedFit(
+            current.fixed,
+            causes,
+            np.repeat(self.sizes.factor, [effect.count for effect in self.effects]),
+        )
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
         """Return the fit with the angular functions turned over, and named, whose other sign agrees
@@ -274,19 +344,32 @@ class _Task:
         right = sorted(self.angles)
         while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}):
             self.target += sum(self._change_by_sign(name) for name in wrong)
-            turned = {name: replace(self.angles[name], value_urad=-self.angles[name].value_urad) for name in wrong}
+            turned = {
+                name: replace(self.angles[name], value_urad=-self.angles[name].value_urad)
+                for name in wrong
+            }
             self.angles = {**self.angles, **turned}
-            self.findings += [finding("error", message("angles-far.sign", name=name)) for name in wrong]
+            self.findings += [
+                finding("error", message("angles-far.sign", name=name)) for name in wrong
+            ]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
         # a function no larger than the expanded uncertainty of both its ends has no known sign
-        large = [name for name in right if np.ptp(self.angles[name].value_urad) > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)]
+        large = [
+            name
+            for name in right
+            if np.ptp(self.angles[name].value_urad)
+            > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)
+        ]
         if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}):
-            self.findings += [finding("info", message("straightness-unchecked.angles", names=unseen))]
+            self.findings += [
+                finding("info", message("straightness-unchecked.angles", names=unseen))
+            ]
         return current
 
     def _change_by_sign(self, name: str) -> Vector:
-        """Return what the other sign of an angular function changes in the target of all rows, shape (rows,)."""
+        """Return what the other sign of an angular function changes in the target of all rows,
+        shape (rows,)."""
         alone = {name: self.angles[name]}
         beside = [2.0 * of_known_angles(self.design, one, alone) for one in self.straightness]
         change = np.concatenate([2.0 * angular_effect_um(self.layout, self.chain, alone), *beside])
@@ -295,7 +378,9 @@ class _Task:
     def _fit_with_tilts(self) -> MixedFit:
         current = fit(self.rows, self.design.blocks, self.target, self._weight())
         for _ in range(TILT_ROUNDS):
-            self.target[: len(self.layout)] = self._target_for(_smallest_machine(self.design, current))
+            self.target[: len(self.layout)] = self._target_for(
+                _smallest_machine(self.design, current)
+            )
             current = refit(self.rows, self.target, current.weight, current.inverse)
         return self._with_effects(current)
 
@@ -306,7 +391,9 @@ class _Task:
         found, self.sizes = self._found(fixed, self.effects, near)
         return found
 
-    def _found(self, fixed: Fit, effects: Sequence[Effect], near: Vector | None = None) -> tuple[MixedFit, Sizes]:
+    def _found(
+        self, fixed: Fit, effects: Sequence[Effect], near: Vector | None = None
+    ) -> tuple[MixedFit, Sizes]:
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
         sought = [effect.sought and (self.clean or effect.name in EARLY) for effect in effects]
@@ -314,11 +401,14 @@ class _Task:
         return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
-        """Return what a fit leaves of the effects; of the same fit and effects it is not worked out again."""
+        """Return what a fit leaves of the effects; of the same fit and effects it is not worked out
+        again."""
         before, those, causes = self.known
         same = causes is not None and len(those) == len(effects) and all(map(is_, those, effects))
         if causes is None or not same or before is not fixed:
-            causes = Causes.of(fixed, causes.pattern if causes is not None and same else self._on_all_rows(effects))
+            causes = Causes.of(
+                fixed, causes.pattern if causes is not None and same else self._on_all_rows(effects)
+            )
             self.known = (fixed, tuple(effects), causes)
         return causes
 
@@ -338,13 +428,19 @@ class _Task:
         self.u[self.misses.rows] = scatter.misses_um[self.misses.kind]
 
     def _find_scatter(self, current: MixedFit, *, robust: bool) -> MixedFit:
-        """Return the fit with the scatter that the residuals show, unmoved by wrong stops where ``robust``."""
+        """Return the fit with the scatter that the residuals show, unmoved by wrong stops where
+        ``robust``."""
         for _ in range(ROUNDS):
             before = self.scatter
-            found = estimated(current, self.layout, self.misses, before, self.usual_scatter, robust=robust)
+            found = estimated(
+                current, self.layout, self.misses, before, self.usual_scatter, robust=robust
+            )
             if found.near(before, self.layout):
-                # the fit is weighed by the sizes before: what is reported of its noise is what it was weighed by
-                self.scatter = replace(before, freedom_misses=found.freedom_misses, freedom_noise=found.freedom_noise)
+                # the fit is weighed by the sizes before: what is reported of its noise is what it
+                # was weighed by
+                self.scatter = replace(
+                    before, freedom_misses=found.freedom_misses, freedom_noise=found.freedom_noise
+                )
                 break
             self._take(found)
             current = self._again(current)
@@ -352,24 +448,38 @@ class _Task:
 
     def _again(self, current: AnyFit) -> MixedFit:
         """Fit with the weights as they are now, with sizes near those found before."""
-        return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse), self.sizes.factor)
+        return self._with_effects(
+            fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse),
+            self.sizes.factor,
+        )
 
     def _target_for(self, unknowns: Vector) -> Vector:
-        """Return the deviations freed of what is of second order in the tilts just found, and of what lies beside the targets, shape (m,).
+        """Return the deviations freed of what is of second order in the tilts just found, and of
+        what lies beside the targets, shape (m,).
 
-        Mirror and beam lean together (theory 4.2): every reading is short by nu^2/2 of itself, and the machine's errors are seen
-        along the normal, not along the diagonal. Taking this off the deviations leaves the rows, and what they cannot see, exact.
+        Mirror and beam lean together (theory 4.2): every reading is short by nu^2/2 of itself, and
+        the machine's errors are seen along the normal, not along the diagonal. Taking this off the
+        deviations leaves the rows, and what they cannot see, exact.
         """
         tilt_mrad = _tilts(self.design, unknowns, len(self.layout.setups))
         self._refuse_impossible(tilt_mrad)
         leaning = self.layout.leaning(tilt_mrad)
         machine = np.where(np.arange(len(unknowns)) < self.design.columns.machine, unknowns, 0.0)
-        seen_more, seen = (machine_rows(each, self.chain, self.design.columns).times(machine) for each in (leaning, self.layout))
+        seen_more, seen = (
+            machine_rows(each, self.chain, self.design.columns).times(machine)
+            for each in (leaning, self.layout)
+        )
         lean = np.sum(tilt_mrad**2, axis=1)[self.layout.setup_index]
         travel_um = self.layout.since_zero_mm() * 1e3
         known = angular_effect_um(leaning, self.chain, self.angles)
         beside_um = np.sum(tilt_mrad[self.layout.setup_index] * self.layout.beside_mm, axis=1)
-        corrected: Vector = self.layout.deviation_um + 0.5e-6 * lean * travel_um - known - (seen_more - seen) - beside_um
+        corrected: Vector = (
+            self.layout.deviation_um
+            + 0.5e-6 * lean * travel_um
+            - known
+            - (seen_more - seen)
+            - beside_um
+        )
         return corrected
 
     def _refuse_impossible(self, tilt_mrad: Vector) -> None:
@@ -391,7 +501,8 @@ class _Task:
         return weight
 
     def _find_sizes(self, current: MixedFit) -> MixedFit:
-        """Enlarge what reversal changes along an axis, and drift, to what the data show (variance components)."""
+        """Enlarge what reversal changes along an axis, and drift, to what the data show (variance
+        components)."""
         for _ in range(SIZE_ROUNDS):
             before = self.u.copy()
             for rows in self.sized:
@@ -410,16 +521,21 @@ class _Task:
         for further contradictions uses the sizes found.
         """
         every = counts(current.fixed, self.layout)
-        usual = most_suspicious(_as_usual(current, self.effects, self.sizes), self.design.columns, every)
+        usual = most_suspicious(
+            _as_usual(current, self.effects, self.sizes), self.design.columns, every
+        )
         if usual is not None and self._explains(usual, current):
             return usual
         return most_suspicious(current, self.design.columns, every)
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
-        """Return whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
+        """Return whether the readings are likelier with the suspicion true, all sizes found anew,
+        than without it."""
         with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
         best = suspicion.best
-        return bool(0.5 * likelier(with_it, current) + max(best.smoother, 0.0) + best.prior > np.log(ODDS))
+        return bool(
+            0.5 * likelier(with_it, current) + max(best.smoother, 0.0) + best.prior > np.log(ODDS)
+        )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
         """Take out contradiction after contradiction and yield the fit without it."""
@@ -440,7 +556,8 @@ class _Task:
 
 
 def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
-    """Return the kind of every arrival in their order: its axis, or `FIRST` where a pass begins with it."""
+    """Return the kind of every arrival in their order: its axis, or `FIRST` where a pass begins
+    with it."""
     row, axis = np.nonzero(layout.arrival >= 0)
     _, at = np.unique(layout.arrival[row, axis], return_index=True)
     begins = np.diff(layout.pass_index, prepend=-1)[row[at]] != 0
@@ -451,7 +568,8 @@ def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
 def _smallest_machine(design: Design, current: AnyFit) -> Vector:
     """Return the unknowns of the smallest machine that explains the readings.
 
-    Tilts and machine slopes share what is not identified; that share is given to the tilts, which are a thousand times larger.
+    Tilts and machine slopes share what is not identified; that share is given to the tilts, which
+    are a thousand times larger.
     """
     null = current.inverse.null
     if not null.shape[1]:
@@ -466,5 +584,9 @@ def _tilts(design: Design, unknowns: Vector, setups: int) -> Vector:
     """Return the tilts (setups, 3) in mrad."""
     tilts = np.zeros((setups, 3))
     size = unknowns[design.columns.tilt : design.columns.drift]
-    np.add.at(tilts, np.array(design.columns.tilt_setup, dtype=np.int64), size[:, None] * design.tilt_direction)
+    np.add.at(
+        tilts,
+        np.array(design.columns.tilt_setup, dtype=np.int64),
+        size[:, None] * design.tilt_direction,
+    )
     return tilts

@@ -1,4 +1,5 @@
-"""The unbroken counts of a survey, and what a fit leaves of patterns on each: wrong readings, steps, walks, all at once.
+"""The unbroken counts of a survey, and what a fit leaves of patterns on each: wrong readings,
+steps, walks, all at once.
 
 Worked out once for a fit without causes; with any sizes of the causes it is a small correction.
 """
@@ -16,7 +17,8 @@ from stepdiag.solver.model.layout import Layout
 
 LEAST_ROWS = 3
 MOST_WAVES = 48
-"""Components of a random walk: they hold all but a hundredth of its variance, however many its steps."""
+"""Components of a random walk: they hold all but a hundredth of its variance, however many its
+steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,24 +39,33 @@ class Count:
 
 
 def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> list[Count]:
-    """Return every unbroken count that has more than a handful of used readings; of setups of some kinds where these are given."""
+    """Return every unbroken count that has more than a handful of used readings; of setups of some
+    kinds where these are given."""
     known = _Known(fixed)
-    return [_count(known, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS]
+    return [
+        _count(known, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS
+    ]
 
 
 def short_counts(fixed: Fit, layout: Layout, kinds: Collection[str]) -> list[NDArray[np.int64]]:
-    """Return the rows of every unbroken count of some kinds of setups that is too short to be looked through (two at least)."""
+    """Return the rows of every unbroken count of some kinds of setups that is too short to be
+    looked through (two at least)."""
     return [rows for rows in _unbroken(fixed, layout, kinds) if 1 < len(rows) <= LEAST_ROWS]
 
 
 def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list[NDArray[np.int64]]:
-    wanted = np.array([kinds is None or setup.kind in kinds for setup in layout.setups], dtype=np.bool_)[layout.setup_index]
+    wanted = np.array(
+        [kinds is None or setup.kind in kinds for setup in layout.setups], dtype=np.bool_
+    )[layout.setup_index]
     used = np.flatnonzero((fixed.weight[: len(layout)] > 0) & wanted)
-    return [used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])]
+    return [
+        used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])
+    ]
 
 
 def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
-    """Return a count from W - W A C A' W among its rows: what a fit without causes leaves of their readings."""
+    """Return a count from W - W A C A' W among its rows: what a fit without causes leaves of their
+    readings."""
     weight, walk, among = known.fixed.weight[rows], walk_of(len(rows)), known.among(rows)
     own = weight**2 * among.diagonal()
     # all from a reading on: its own share, and twice the common part with each later reading
@@ -71,7 +82,8 @@ def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Among:
-    """A C A' among the rows of a count, shape (k, k): ``alike``, with ``above`` its diagonal, beside ``across own' + own across'``."""
+    """A C A' among the rows of a count, shape (k, k): ``alike``, with ``above`` its diagonal,
+    beside ``across own' + own across'``."""
 
     alike: Vector
     above: Vector
@@ -85,21 +97,27 @@ class _Among:
 
     def times(self, values: Vector) -> Vector:
         """Return the product with ``values`` (k, c)."""
-        product: Vector = self.alike @ values + self.across @ (self.own.T @ values) + self.own @ (self.across.T @ values)
+        product: Vector = (
+            self.alike @ values
+            + self.across @ (self.own.T @ values)
+            + self.own @ (self.across.T @ values)
+        )
         return product
 
     def with_those_after(self, values: Vector) -> Vector:
         """Return the product of what stands above the diagonal with ``values`` (k,)."""
         own, across = (after_each(values[:, None] * part) for part in (self.own, self.across))
-        product: Vector = self.above @ values + np.sum(self.across * own + self.own * across, axis=1)
+        product: Vector = self.above @ values + np.sum(
+            self.across * own + self.own * across, axis=1
+        )
         return product
 
 
 class _Known:
     """A C A' among the rows of one count after the other.
 
-    The counts of repeats differ only in unknowns that all their rows have, their zero and drift: A = B + D, and B C B' is worked out once
-    for all of them, as long as they follow each other.
+    The counts of repeats differ only in unknowns that all their rows have, their zero and drift: A
+    = B + D, and B C B' is worked out once for all of them, as long as they follow each other.
     """
 
     def __init__(self, fixed: Fit) -> None:
@@ -110,12 +128,20 @@ class _Known:
         """Return A C A' among some rows."""
         some = self.fixed.rows.select(rows)
         alike = (np.ptp(some.column, axis=0) == 0) & np.any(some.value, axis=0)
-        own, rest = some.value[:, alike], Rows(some.column * ~alike, some.value * ~alike, some.count)
+        own, rest = (
+            some.value[:, alike],
+            Rows(some.column * ~alike, some.value * ~alike, some.count),
+        )
         unit = np.zeros((some.count, own.shape[1]))
         unit[some.column[0, alike], np.arange(own.shape[1])] = 1.0
         solved = self.fixed.inverse.solve(unit)
         alike, above = self._of(rest)
-        return _Among(alike=alike, above=above, across=rest.times(solved) + 0.5 * own @ (unit.T @ solved), own=own)
+        return _Among(
+            alike=alike,
+            above=above,
+            across=rest.times(solved) + 0.5 * own @ (unit.T @ solved),
+            own=own,
+        )
 
     def _of(self, rest: Rows) -> tuple[Vector, Vector]:
         key = rest.column.tobytes() + rest.value.tobytes()
@@ -144,11 +170,14 @@ def steps_of(count: int, places: NDArray[np.int64]) -> Vector:
 
 
 def walk_of(count: int) -> Vector:
-    """Return a random walk of 1 um a step by its largest components, shape (count, r): times their transpose they make its covariance.
+    """Return a random walk of 1 um a step by its largest components, shape (count, r): times their
+    transpose they make its covariance.
 
     Zero at the first reading; eigenvectors of min(i, j) (Karhunen and Loeve).
     """
     steps = count - 1
     half_turn = np.pi * (np.arange(min(steps, MOST_WAVES)) + 0.5) / (2 * steps + 1)
-    waves: Vector = np.sin(2.0 * np.arange(count)[:, None] * half_turn) / (np.sin(half_turn) * np.sqrt(2 * steps + 1))
+    waves: Vector = np.sin(2.0 * np.arange(count)[:, None] * half_turn) / (
+        np.sin(half_turn) * np.sqrt(2 * steps + 1)
+    )
     return waves

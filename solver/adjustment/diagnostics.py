@@ -26,7 +26,8 @@ from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
 TILT_LIMIT_MRAD = 2.0
-"""Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
+"""Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms
+reach micrometres."""
 DRIFT_LIMIT_UM = 2.0
 IN_TIME = ("drift", "wander", "wandering pass")
 """Effects of the adjustment that a count has in the course of its time."""
@@ -34,14 +35,16 @@ NOISE_LIMIT_UM = 1.0
 FAR_NOISE = 10.0
 """So many times the limit stops an export."""
 REPEATS_UM = 5.0
-"""Repeatability of an approach, three times that of a worn machine: it is a mirror, a beam or a pass that moved."""
+"""Repeatability of an approach, three times that of a worn machine: it is a mirror, a beam or a
+pass that moved."""
 TOO_LOW = 2.0
-"""A setup that scatters by so many times what its stops state states too little: a fifth more or less is chance."""
+"""A setup that scatters by so many times what its stops state states too little: a fifth more or
+less is chance."""
 GREW_UM_M, GREW_SURE = 5.0, 3.0
 """Growth below half a kelvin of steel is no reason to warm the machine up."""
 MISCLOSED, MISCLOSED_FAR = 2.0, 3.5
-"""A scale misclosure beyond so many standard uncertainties is reported, and stops an export. Of 200 good surveys of ordinary machines two
-were reported and none stopped."""
+"""A scale misclosure beyond so many standard uncertainties is reported, and stops an export. Of 200
+good surveys of ordinary machines two were reported and none stopped."""
 
 
 def travel_report(layout: Layout, setup: Setup) -> SetupReport:
@@ -54,7 +57,8 @@ def travel_report(layout: Layout, setup: Setup) -> SetupReport:
 
 
 def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
-    """Return for each setup: kind, passes, stops, mirror tilt (mrad), drift, repeatability and residuals (um)."""
+    """Return for each setup: kind, passes, stops, mirror tilt (mrad), drift, repeatability and
+    residuals (um)."""
     layout = found.layout
     reports: dict[str, SetupReport] = {}
     for index, setup in enumerate(layout.setups):
@@ -66,7 +70,9 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
             tilt_xyz_mrad=None if tilt is None else triple(tilt),
             drift=_drifts(found, setup.name),
             repeatability_um=_repeatability_um(layout, setup.name),
-            residual_um=float(np.sqrt(np.mean(found.residual_um[used] ** 2))) if used.any() else None,
+            residual_um=float(np.sqrt(np.mean(found.residual_um[used] ** 2)))
+            if used.any()
+            else None,
             noise_um=float(np.sqrt(np.mean(found.u_um[used] ** 2))) if used.any() else None,
             redundancy=float(np.sum(found.fit.redundancy[: len(layout)][used])),
         )
@@ -74,10 +80,12 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
 
 
 def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
-    """Return what the count drifted in every out-and-back pair, over its whole duration, where it is identified.
+    """Return what the count drifted in every out-and-back pair, over its whole duration, where it
+    is identified.
 
-    The straight part is an unknown that is expected small; whatever else a pass may do in time (`IN_TIME`) has its share, so the sum of
-    them is known, with what the readings leave open of that sum.
+    The straight part is an unknown that is expected small; whatever else a pass may do in time
+    (`IN_TIME`) has its share, so the sum of them is known, with what the readings leave open of
+    that sum.
     """
     columns, fit = found.design.columns, found.fit
     drifts: list[Drift] = []
@@ -86,7 +94,11 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
         alone = Rows(np.array([[column]]), np.ones((1, 1)), columns.count)
         if name != setup or not fit.inverse.sees(alone)[0]:
             continue
-        mine = [place for place, key in enumerate(found.layout.passes) if key.setup == setup and (key.number + 1) // 2 == pair]
+        mine = [
+            place
+            for place, key in enumerate(found.layout.passes)
+            if key.setup == setup and (key.number + 1) // 2 == pair
+        ]
         rows = np.flatnonzero(np.isin(found.layout.pass_index, mine))
         span = float(np.max(found.layout.clock[rows]))
         unit = np.zeros(columns.count)
@@ -94,24 +106,35 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
         beside = _in_time(found, rows)
         total_um = span * float(fit.unknowns[column]) + float(beside @ fit.amount)
         open_um = fit.root @ (beside - span * fit.causes.taken[column])
-        u_um = float(np.sqrt(span**2 * max(fit.inverse.solve(unit)[column], 0.0) + open_um @ open_um))
+        u_um = float(
+            np.sqrt(span**2 * max(fit.inverse.solve(unit)[column], 0.0) + open_um @ open_um)
+        )
         unit_of_rate: Literal["um/h", "um/stop"] = "um/h" if timed else "um/stop"
-        drifts.append(Drift(pair=pair, rate=total_um / span, unit=unit_of_rate, total_um=total_um, u_um=u_um))
+        drifts.append(
+            Drift(pair=pair, rate=total_um / span, unit=unit_of_rate, total_um=total_um, u_um=u_um)
+        )
     return tuple(drifts)
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
-    """Return what one unit of every cause adds to a drift from the first to the last of some readings, shape (causes,)."""
-    kinds = np.repeat([effect.name in IN_TIME for effect in found.effects], [effect.count for effect in found.effects])
+    """Return what one unit of every cause adds to a drift from the first to the last of some
+    readings, shape (causes,)."""
+    kinds = np.repeat(
+        [effect.name in IN_TIME for effect in found.effects],
+        [effect.count for effect in found.effects],
+    )
     added = np.zeros(len(kinds))
     for number in np.unique(found.layout.offset_index[rows]):
         of_count = rows[found.layout.offset_index[rows] == number]
-        added += found.fit.causes.pattern[of_count[-1]]  # all that goes with time is nothing at the first
+        added += found.fit.causes.pattern[
+            of_count[-1]
+        ]  # all that goes with time is nothing at the first
     return np.where(kinds, added, 0.0)
 
 
 def _repeatability_um(layout: Layout, setup: str) -> float | None:
-    """Return the standard deviation of a stop between passes in the same direction, None without repeats.
+    """Return the standard deviation of a stop between passes in the same direction, None without
+    repeats.
 
     Stops at a common target are equal, whatever their numbers: axes may move in another order from
     pass to pass.
@@ -119,8 +142,16 @@ def _repeatability_um(layout: Layout, setup: str) -> float | None:
     place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     squares, freedom = 0.0, 0
     for outward in (True, False):
-        mine = [index for index, key in enumerate(layout.passes) if key.setup == setup and key.outward == outward]
-        rows = [np.flatnonzero(layout.pass_index == index) for index in mine if not _interrupted(layout, index)]
+        mine = [
+            index
+            for index, key in enumerate(layout.passes)
+            if key.setup == setup and key.outward == outward
+        ]
+        rows = [
+            np.flatnonzero(layout.pass_index == index)
+            for index in mine
+            if not _interrupted(layout, index)
+        ]
         if len(rows) < 2:
             continue
         every = list(set.intersection(*(set(place[one].tolist()) for one in rows)))
@@ -144,7 +175,8 @@ def _interrupted(layout: Layout, index: int) -> bool:
 
 
 def closure_report(layout: Layout) -> Closure | None:
-    """Return the closure residual by axis (um, node by node), None unless all four diagonals have the same stops."""
+    """Return the closure residual by axis (um, node by node), None unless all four diagonals have
+    the same stops."""
     names = {setup.name for setup in layout.setups}
     stops = 3 * layout.volume.increments + 1
     counts = np.bincount(layout.pass_index, minlength=len(layout.passes))
@@ -170,7 +202,9 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():
         return None
-    hypothesis = response_of(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
+    hypothesis = response_of(
+        fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None]
+    )
     seen = float(hypothesis.seen.item())
     if seen <= HIDDEN * hypothesis.whole.item():
         return None
@@ -213,45 +247,69 @@ def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> lis
 
 
 def scatter_findings(found: Adjustment) -> list[Finding]:
-    """Return how well the machine repeats where the readings show it, and which setups state less noise than they show."""
+    """Return how well the machine repeats where the readings show it, and which setups state less
+    noise than they show."""
     scatter, findings = found.scatter, []
     if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
         seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
-        axes = [message("axis-repeats-to", axis="XYZ"[axis], repeatability_um=scatter.misses_um[axis]) for axis in seen]
+        axes = [
+            message("axis-repeats-to", axis="XYZ"[axis], repeatability_um=scatter.misses_um[axis])
+            for axis in seen
+        ]
         assumed_um = found.assumed.repeatability_um
-        words = message("repeatability-found", repeatability_um=scatter.repeatability_um, axes=axes, assumed_um=assumed_um)
+        words = message(
+            "repeatability-found",
+            repeatability_um=scatter.repeatability_um,
+            axes=axes,
+            assumed_um=assumed_um,
+        )
         findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
-    low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (scatter.freedom_noise >= LEAST_FREEDOM)
+    low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (
+        scatter.freedom_noise >= LEAST_FREEDOM
+    )
     if np.any(low):
         names = [setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one]
         scatter_um = float(np.max(np.hypot(rms_um, scatter.noise_um)[low]))
-        words = message("stated-u-low", setups=names, stated_um=float(np.max(rms_um[low])), scatter_um=scatter_um)
+        words = message(
+            "stated-u-low",
+            setups=names,
+            stated_um=float(np.max(rms_um[low])),
+            scatter_um=scatter_um,
+        )
         findings.append(finding("warning", words))
     return findings
 
 
 def _stated_um(found: Adjustment, index: int) -> float:
-    """Return the root mean square of what the readings of a setup state, infinite where one of them states nothing."""
+    """Return the root mean square of what the readings of a setup state, infinite where one of them
+    states nothing."""
     stated = found.layout.u_um[found.layout.setup_index == index]
     return float(np.sqrt(np.mean(stated**2))) if np.all(np.isfinite(stated)) else np.inf
 
 
 def growth_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on axes that grew from the first reading to the last by more than chance and `GREW_UM_M`."""
+    """Return the finding on axes that grew from the first reading to the last by more than chance
+    and `GREW_UM_M`."""
     if GROWTH not in {effect.name for effect in found.effects} or not found.explained.grows:
         return []
     place = found.first_cause(GROWTH)
-    turn = growth_waves(found.layout)[[int(np.argmax(found.layout.hours)), int(np.argmin(found.layout.hours))]]
+    turn = growth_waves(found.layout)[
+        [int(np.argmax(found.layout.hours)), int(np.argmin(found.layout.hours))]
+    ]
     weight = np.zeros((3, len(found.fit.amount)))
     for axis in range(3):
-        weight[axis, place + axis * turn.shape[1] + np.arange(turn.shape[1])] = found.assumed.growth_um_m * (turn[0] - turn[1])
+        weight[axis, place + axis * turn.shape[1] + np.arange(turn.shape[1])] = (
+            found.assumed.growth_um_m * (turn[0] - turn[1])
+        )
     grew = weight @ found.fit.amount
     u = np.sqrt(np.diag(weight @ found.fit.amount_covariance @ weight.T))
     if not np.any(np.abs(grew) > np.maximum(GREW_UM_M, GREW_SURE * u)):
         return []
     x, y, z = grew.tolist()
-    words = message("drift-large.growth", x_um_m=x, y_um_m=y, z_um_m=z, expanded_um_m=2 * float(np.max(u)))
+    words = message(
+        "drift-large.growth", x_um_m=x, y_um_m=y, z_um_m=z, expanded_um_m=2 * float(np.max(u))
+    )
     return [finding("warning", words, size_um=float(grew[np.argmax(np.abs(grew))]))]
 
 
@@ -259,9 +317,21 @@ def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     findings: list[Finding] = []
     tilt = report.tilt_mrad or 0.0
     if tilt > TILT_LIMIT_MRAD:
-        findings.append(finding("warning", message("mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD)))
-    drifts = [drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)]
-    messages = [message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair) for drift in drifts]
+        findings.append(
+            finding(
+                "warning",
+                message(
+                    "mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD
+                ),
+            )
+        )
+    drifts = [
+        drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)
+    ]
+    messages = [
+        message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair)
+        for drift in drifts
+    ]
     return [*findings, *(finding("warning", words) for words in messages)]
 
 
@@ -271,23 +341,55 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     """
     messages = []
     if noisy := _above(reports, "noise_um"):
-        messages.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))
+        messages.append(
+            message(
+                "noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM
+            )
+        )
     if poor := _above(reports, "repeatability_um"):
-        messages.append(message("noise-high.repeatability", setups=list(poor), u_um=max(poor.values()), limit_um=NOISE_LIMIT_UM))
+        messages.append(
+            message(
+                "noise-high.repeatability",
+                setups=list(poor),
+                u_um=max(poor.values()),
+                limit_um=NOISE_LIMIT_UM,
+            )
+        )
     return [finding("warning", words) for words in messages]
 
 
 def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
-    """Return an error for the machine, and for each setup, whose scatter is no machine's but a mistake: its cause is to be found first."""
+    """Return an error for the machine, and for each setup, whose scatter is no machine's but a
+    mistake: its cause is to be found first."""
     repeats_um, times = scatter.repeatability_um, FAR_NOISE
-    found = [finding("error", message("noise-high.machine", repeatability_um=repeats_um))] if repeats_um > REPEATS_UM else []
+    found = (
+        [finding("error", message("noise-high.machine", repeatability_um=repeats_um))]
+        if repeats_um > REPEATS_UM
+        else []
+    )
     for name, um in _above(reports, "noise_um", times).items():
-        found.append(finding("error", message("noise-high.reading", setup=name, u_um=um, times=times), Place(setup=name)))
+        found.append(
+            finding(
+                "error",
+                message("noise-high.reading", setup=name, u_um=um, times=times),
+                Place(setup=name),
+            )
+        )
     for name, um in _above(reports, "repeatability_um", times).items():
-        found.append(finding("error", message("noise-high.stop", setup=name, u_um=um, times=times), Place(setup=name)))
+        found.append(
+            finding(
+                "error",
+                message("noise-high.stop", setup=name, u_um=um, times=times),
+                Place(setup=name),
+            )
+        )
     return found
 
 
-def _above(reports: Mapping[str, SetupReport], figure: Literal["noise_um", "repeatability_um"], times: float = 1.0) -> dict[str, float]:
+def _above(
+    reports: Mapping[str, SetupReport],
+    figure: Literal["noise_um", "repeatability_um"],
+    times: float = 1.0,
+) -> dict[str, float]:
     sizes_um = {name: getattr(report, figure) or 0.0 for name, report in reports.items()}
     return {name: size for name, size in sizes_um.items() if size > times * NOISE_LIMIT_UM}

@@ -6,7 +6,8 @@ step of the count, the scale of a setup, a product of two axes in a component of
 errors (and y^2 z in Z, a ram that sags). Its residue in the fit decides everything (Baarda 1968; V
 is the covariance of the readings with all causes in it, R removes the unknowns x):
 
-    shown = h' V^-1 R y,     seen = h' V^-1 R h,     most likely size = shown / seen,     z^2 = shown^2 / seen
+    shown = h' V^-1 R y,     seen = h' V^-1 R h,     most likely size = shown / seen,     z^2 =
+    shown^2 / seen
 
 Its size t is unknown: its standard deviation is anything from the uncertainty 1 / sqrt(seen) up to
 2000 times this; each power of two is as likely. The Bayes factor against nothing is the mean over
@@ -21,7 +22,8 @@ explanations of a pattern: these have the same z, and the same number. A pass th
 patterns of a common size, and so is growth in time. Odds are the factor times the prior of the kind
 (`PRIOR`), shared by all of the kind:
 
-    odds_k = prior_k / (number of its kind) * Bayes factor_k,     p_k = odds_k / (1 + sum of all odds)
+    odds_k = prior_k / (number of its kind) * Bayes factor_k,     p_k = odds_k / (1 + sum of all
+    odds)
 
 `ODDS` = 20 decides all. If the best stop, step or pass has twenty times the odds of nothing, it is
 named if it has twenty times the odds of every other, and is left out (`solver.adjustment.faults`);
@@ -45,7 +47,15 @@ from stepdiag.solver.linear.mixed import MixedFit
 
 ODDS = 20.0
 """Twenty to one is strong evidence (Kass and Raftery 1995)."""
-STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED = "stop", "step", "walk", "scale", "product", "growth", "sign of an angle"
+STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED = (
+    "stop",
+    "step",
+    "walk",
+    "scale",
+    "product",
+    "growth",
+    "sign of an angle",
+)
 PRIOR = {SCALE: 0.1, PRODUCT: 0.1, GROWN: 0.5, STOP: 0.3, STEP: 0.3, WALK: 0.1, TURNED: 0.1}
 """Prior probability that a survey has an explanation of a kind: every second survey begins on a
 cold machine; a wavelength, an air or a target of its own for a setup is rarer, and so is a machine
@@ -53,17 +63,20 @@ with products as large as its functions; shops repeat a pass in one survey of th
 a head one in ten has the other sign.
 """
 GROWING = 4.0 ** np.arange(12)
-"""Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the uncertainty."""
+"""Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the
+uncertainty."""
 HIDDEN = 1e-6
-"""A pattern of which the fit leaves less than this share is not separated from what is unknown already."""
+"""A pattern of which the fit leaves less than this share is not separated from what is unknown
+already."""
 DECIMALS = 6
 """Beyond these, which of two explanations has more evidence is chance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) what would be seen if nothing were unknown, and
-    by how much the unknowns fall for one unit of each, ``moved`` (count, c)."""
+    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) what would
+    be seen if nothing were unknown, and by how much the unknowns fall for one unit of each,
+    ``moved`` (count, c)."""
 
     shown: Vector
     seen: Vector
@@ -72,7 +85,8 @@ class Response:
 
 
 def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
-    """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all others."""
+    """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all
+    others."""
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
     on_all[rows] = weighted
@@ -90,7 +104,8 @@ def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Resp
 
 
 class Evidence(NamedTuple):
-    """``log_odds`` (c,): logarithm of the odds; ``square`` (c,): the expected square of the size where the explanation is true."""
+    """``log_odds`` (c,): logarithm of the odds; ``square`` (c,): the expected square of the size
+    where the explanation is true."""
 
     log_odds: Vector
     square: Vector
@@ -117,17 +132,22 @@ class Family:
     @property
     def size(self) -> Vector:
         """Return how large each is by itself, shape (c,); 0 where it is not seen."""
-        found: Vector = np.where(self.seen > 0, self.shown / np.where(self.seen > 0, self.seen, 1.0), 0.0)
+        found: Vector = np.where(
+            self.seen > 0, self.shown / np.where(self.seen > 0, self.seen, 1.0), 0.0
+        )
         return found
 
     def weighed(self, fit: MixedFit, many: int) -> Evidence:
         """Return the evidence for each of ``many`` of its kind."""
         found = evidence_of(fit, self.shown, self.seen, self.most)
-        return Evidence(found.log_odds + log_prior(self.kind, many), np.minimum(found.square, self.most**2))
+        return Evidence(
+            found.log_odds + log_prior(self.kind, many), np.minimum(found.square, self.most**2)
+        )
 
 
 def log_prior(kind: str, many: int) -> float:
-    """Return the logarithm of the odds of one of ``many`` explanations of a kind before any reading."""
+    """Return the logarithm of the odds of one of ``many`` explanations of a kind before any
+    reading."""
     return float(np.log(PRIOR[kind] / max(many, 1)))
 
 
@@ -161,7 +181,9 @@ def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
         return -np.inf
     grown = GROWING[:, None] / np.max(seen) * seen
     left = fit.chi_square - np.sum(shown**2 / seen * grown / (1.0 + grown), axis=1)
-    return float(_mean(0.5 * (gained(fit, left) - np.sum(np.log1p(grown), axis=1))[:, None])[0].item())
+    return float(
+        _mean(0.5 * (gained(fit, left) - np.sum(np.log1p(grown), axis=1))[:, None])[0].item()
+    )
 
 
 def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
@@ -174,9 +196,11 @@ def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
 
 
 def standing_out(freedom: int, prior: float, most: float) -> float:
-    """Return at how many standard uncertainties one pattern has `ODDS` of being more than chance, ``most`` at most.
+    """Return at how many standard uncertainties one pattern has `ODDS` of being more than chance,
+    ``most`` at most.
 
-    With few degrees of freedom it is most of the square sum by which the noise is known. ``prior`` is a logarithm.
+    With few degrees of freedom it is most of the square sum by which the noise is known. ``prior``
+    is a logarithm.
     """
     size = np.linspace(1.0, most, 10 * int(most))
     left = 1.0 - size**2 / (freedom + size**2) * (GROWING / (1.0 + GROWING))[:, None]

@@ -89,7 +89,8 @@ class Explained:
 
     @property
     def grows(self) -> bool:
-        """Return whether growth beyond the usual is what happened, and no setup of another scale."""
+        """Return whether growth beyond the usual is what happened, and no setup of another
+        scale."""
         return self.growth > ODDS * self.of_kind(SCALE)
 
     @property
@@ -119,18 +120,34 @@ class Explained:
         """Return the places of the explanations of a kind that stay probable, the best first."""
         mine = self.of(kind)
         kept = mine[self.share[mine] > 0.0]
-        return [int(place) for place in kept[np.argsort(-np.round(self.share[kept], DECIMALS), kind="stable")]]
+        return [
+            int(place)
+            for place in kept[np.argsort(-np.round(self.share[kept], DECIMALS), kind="stable")]
+        ]
 
 
-def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[Count]) -> Explained:
-    """Return the mixture of what explains a survey; ``growth_um`` (m, k) is what growth does, of which there may be more.
+def explained(
+    fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[Count]
+) -> Explained:
+    """Return the mixture of what explains a survey; ``growth_um`` (m, k) is what growth does, of
+    which there may be more.
 
-    A stop, a step or a walk on ``every`` count of the readings competes for the probability. Stops and steps are repaired elsewhere; a walk
-    is left open as well, or a product would take what may be the walk's.
+    A stop, a step or a walk on ``every`` count of the readings competes for the probability. Stops
+    and steps are repaired elsewhere; a walk is left open as well, or a product would take what may
+    be the walk's.
     """
-    beside, single, wandering = list(_families(fit, layout)), list(families(fit, every)), walks(fit, every)
+    beside, single, wandering = (
+        list(_families(fit, layout)),
+        list(families(fit, every)),
+        walks(fit, every),
+    )
     weighed = [family.weighed(fit, len(family.named)) for family in beside]
-    of_faults = {kind: [one.weighed(fit, number_of(single, kind)).log_odds for one in single if one.kind == kind] for kind in (STOP, STEP)}
+    of_faults = {
+        kind: [
+            one.weighed(fit, number_of(single, kind)).log_odds for one in single if one.kind == kind
+        ]
+        for kind in (STOP, STEP)
+    }
     of_faults[WALK] = [np.array([one.odds for one in wandering])]
     odds = {family.kind: [one.log_odds] for family, one in zip(beside, weighed, strict=True)}
     odds |= {**of_faults, GROWN: [np.full(1, _of_growth(fit, growth_um))]}
@@ -139,7 +156,11 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[
     share = shares(np.concatenate(list(by_kind.values())), every_kind)
     reached = reaching(share, every_kind)
     walking = reached[np.equal(every_kind, WALK)].tolist()
-    opened = [np.sqrt(part) * one.size * one.on(len(layout)) for one, part in zip(wandering, walking, strict=True) if part > 0.0]
+    opened = [
+        np.sqrt(part) * one.size * one.on(len(layout))
+        for one, part in zip(wandering, walking, strict=True)
+        if part > 0.0
+    ]
     nothing = np.zeros(0)
     count = sum(len(family.named) for family in beside)
     return Explained(
@@ -147,7 +168,9 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[
         named=np.concatenate([nothing.astype(np.int64), *(family.named for family in beside)]),
         size=np.concatenate([nothing, *(family.size for family in beside)]),
         share=share[:count],
-        spread=np.sqrt(reached[:count] * np.concatenate([nothing, *(one.square for one in weighed)])),
+        spread=np.sqrt(
+            reached[:count] * np.concatenate([nothing, *(one.square for one in weighed)])
+        ),
         growth=float(share[-1]),
         nothing=1.0 - float(np.sum(share)),
         walk_um=np.hstack([np.zeros((len(layout), 0)), *opened]),
@@ -155,15 +178,24 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[
 
 
 def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
-    """Return what the adjustment leaves open beside the model: each explanation with its spread, none where no kind is in the mixture."""
+    """Return what the adjustment leaves open beside the model: each explanation with its spread,
+    none where no kind is in the mixture."""
     scales, products = found.of(SCALE), found.of(PRODUCT)
     of_scales = _of_setups(layout, found.named[scales])
     opened = (
         (ONE_SCALE, message("open-scale"), of_scales * found.spread[scales]),
         (ONE_WALK, message("open-walk"), found.walk_um),
-        (BESIDE, message("open-products"), products_um(layout)[:, found.named[products]] * found.spread[products]),
+        (
+            BESIDE,
+            message("open-products"),
+            products_um(layout)[:, found.named[products]] * found.spread[products],
+        ),
     )
-    return [Effect(name=name, text=text, pattern_um=pattern) for name, text, pattern in opened if np.any(pattern)]
+    return [
+        Effect(name=name, text=text, pattern_um=pattern)
+        for name, text, pattern in opened
+        if np.any(pattern)
+    ]
 
 
 def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
@@ -195,22 +227,31 @@ def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
         if held < SURE:
             inside.append(kind)
             held += part
-    reached: Vector = np.where((share > 0.0) & np.isin(kinds, inside), np.maximum(share, (1.0 - share) / 4.0), share)
+    reached: Vector = np.where(
+        (share > 0.0) & np.isin(kinds, inside), np.maximum(share, (1.0 - share) / 4.0), share
+    )
     return reached
 
 
 def products_um(layout: Layout) -> Vector:
-    """Return what 1 um of each product at the far corner does to every reading, shape (m, products); zero without a volume."""
+    """Return what 1 um of each product at the far corner does to every reading, shape (m,
+    products); zero without a volume."""
     if not layout.volume.solid:
         return np.zeros((len(layout), len(PRODUCTS)))
     share = (layout.position_mm - layout.volume.origin_mm) / layout.volume.length_mm
-    columns = [layout.direction[:, component] * np.prod(share[:, axes], axis=1) for component, axes in PRODUCTS.values()]
+    columns = [
+        layout.direction[:, component] * np.prod(share[:, axes], axis=1)
+        for component, axes in PRODUCTS.values()
+    ]
     return np.column_stack(columns)
 
 
 def along_the_way_m(layout: Layout) -> Vector:
-    """Return how far each reading lies along its setup's direction from the low corner, in m, shape (m,)."""
-    along: Vector = 1e-3 * np.sum((layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1)
+    """Return how far each reading lies along its setup's direction from the low corner, in m, shape
+    (m,)."""
+    along: Vector = 1e-3 * np.sum(
+        (layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1
+    )
     return along
 
 
@@ -218,16 +259,41 @@ def _families(fit: MixedFit, layout: Layout) -> Iterator[Family]:
     used = np.flatnonzero(fit.weight[: len(layout)] > 0)
     setups = np.unique(layout.setup_index[used])
     if len(setups) > 1:
-        yield _family(fit, used, _of_setups(layout, setups)[used], kind=SCALE, named=setups, most=MOST_UM_M)
+        yield _family(
+            fit, used, _of_setups(layout, setups)[used], kind=SCALE, named=setups, most=MOST_UM_M
+        )
     if layout.volume.solid:
-        yield _family(fit, used, products_um(layout)[used], kind=PRODUCT, named=np.arange(len(PRODUCTS)), most=MOST_UM)
+        yield _family(
+            fit,
+            used,
+            products_um(layout)[used],
+            kind=PRODUCT,
+            named=np.arange(len(PRODUCTS)),
+            most=MOST_UM,
+        )
 
 
-def _family(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], most: float) -> Family:
+def _family(
+    fit: MixedFit,
+    rows: NDArray[np.int64],
+    pattern: Vector,
+    *,
+    kind: str,
+    named: NDArray[np.int64],
+    most: float,
+) -> Family:
     response = response_of(fit, rows, pattern)
     seen = np.diag(response.seen)
     seen = np.where(seen > np.maximum(HIDDEN * response.whole, most**-2.0), seen, 0.0)
-    return Family(kind=kind, rows=rows, named=named, shown=response.shown, seen=seen, pattern=lambda places: pattern[:, places], most=most)
+    return Family(
+        kind=kind,
+        rows=rows,
+        named=named,
+        shown=response.shown,
+        seen=seen,
+        pattern=lambda places: pattern[:, places],
+        most=most,
+    )
 
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:

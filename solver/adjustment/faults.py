@@ -101,11 +101,16 @@ class Suspicion:
 
 
 def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> Suspicion | None:
-    """Return the worst contradiction among the readings, None where nothing explains them `ODDS` times better than chance."""
-    # the misses of the machine take most of what checks a reading: in a small survey no reading alone is checked, and all together are
+    """Return the worst contradiction among the readings, None where nothing explains them `ODDS`
+    times better than chance."""
+    # the misses of the machine take most of what checks a reading: in a small survey no reading
+    # alone is checked, and all together are
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
         return None
-    found = sorted([*_singles(fit, columns, every), *walks(fit, every)], key=lambda one: -round(one.odds, DECIMALS))
+    found = sorted(
+        [*_singles(fit, columns, every), *walks(fit, every)],
+        key=lambda one: -round(one.odds, DECIMALS),
+    )
     if not found or found[0].odds <= np.log(ODDS):
         return None
     kept = [one for one in found if one.odds > found[0].odds - np.log(ODDS)]
@@ -141,7 +146,9 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
         rows=rows,
         named=rows[inner],
         shown=from_each_on(shown)[inner],
-        seen=visible(count.step - np.sum(from_each_on(mixed) ** 2, axis=1), from_each_on(weight))[inner],
+        seen=visible(count.step - np.sum(from_each_on(mixed) ** 2, axis=1), from_each_on(weight))[
+            inner
+        ],
         pattern=lambda places: steps_of(number, places + 2),
     )
 
@@ -169,7 +176,11 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
     on_all = np.zeros((len(fit.weight), len(ranked)))
     for column, (_, family, place, _) in enumerate(ranked):
         on_all[family.rows, column] = family.pattern(np.array([place]))[:, 0]
-    without = fit.unknowns[:, None] - np.array([one[3] for one in ranked]) * response_of(fit, np.arange(len(on_all)), on_all).moved
+    without = (
+        fit.unknowns[:, None]
+        - np.array([one[3] for one in ranked])
+        * response_of(fit, np.arange(len(on_all)), on_all).moved
+    )
     rough = roughness(columns, np.column_stack([fit.unknowns, without]), fit.inverse.variance())
     return [
         Fault(
@@ -183,7 +194,9 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
             without=without[:, column],
             smoother=smoother,
         )
-        for column, ((odds, family, place, size), smoother) in enumerate(zip(ranked, (0.5 * (rough[0] - rough[1:])).tolist(), strict=True))
+        for column, ((odds, family, place, size), smoother) in enumerate(
+            zip(ranked, (0.5 * (rough[0] - rough[1:])).tolist(), strict=True)
+        )
     ]
 
 
@@ -194,8 +207,15 @@ def walks(fit: MixedFit, every: Sequence[Count]) -> list[Fault]:
     found, prior = [], log_prior(WALK, len(every))
     for count in every:
         mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
-        shown, seen = directions(count.walked - mixed.T @ mixed, count.walk.T @ (fit.weight[count.rows] * fit.residual[count.rows]))
-        square = max(float(np.sum(shown**2 / seen)) - len(seen), 1.0) / float(np.sum(seen)) if len(seen) else 0.0
+        shown, seen = directions(
+            count.walked - mixed.T @ mixed,
+            count.walk.T @ (fit.weight[count.rows] * fit.residual[count.rows]),
+        )
+        square = (
+            max(float(np.sum(shown**2 / seen)) - len(seen), 1.0) / float(np.sum(seen))
+            if len(seen)
+            else 0.0
+        )
         found.append(
             Fault(
                 kind=WALK,
@@ -216,7 +236,9 @@ def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: st
     if suspicion.decided:
         return suspicion
     wanted = quantities(columns, volume)
-    off = wanted.combination.times(np.array([one.without - suspicion.best.without for one in suspicion.faults[1:]]).T)
+    off = wanted.combination.times(
+        np.array([one.without - suspicion.best.without for one in suspicion.faults[1:]]).T
+    )
     field = lattice_field_um(wanted, volume, chain)
     square = np.sum((field @ off) ** 2, axis=(0, 1)) / len(field)
     return replace(suspicion, apart_um=float(np.sqrt(np.max(square))))
@@ -229,15 +251,22 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
     lowered = weight.copy()
     for one in suspicion.faults:
         if one.kind == STOP:
-            lowered[one.named] = 0.0 if suspicion.decided else 1.0 / (1.0 / weight[one.named] + one.size**2)
+            lowered[one.named] = (
+                0.0 if suspicion.decided else 1.0 / (1.0 / weight[one.named] + one.size**2)
+            )
     return lowered
 
 
 def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effect]:
-    """Return what the adjustment leaves open from now on: a decided step entirely, a possible one, and a walk, by its size."""
+    """Return what the adjustment leaves open from now on: a decided step entirely, a possible one,
+    and a walk, by its size."""
     free = suspicion.decided and suspicion.best.kind == STEP
     return [
-        Effect(name=EFFECTS[one.kind], text=text, pattern_um=(FREE_UM if free else one.size) * one.on(len(layout)))
+        Effect(
+            name=EFFECTS[one.kind],
+            text=text,
+            pattern_um=(FREE_UM if free else one.size) * one.on(len(layout)),
+        )
         for one in suspicion.faults
         if one.kind != STOP
     ]
@@ -245,4 +274,6 @@ def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effec
 
 def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
     """Return the best explanation as an effect of its size."""
-    return Effect(name="suspicion", text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout)))
+    return Effect(
+        name="suspicion", text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout))
+    )

@@ -15,7 +15,8 @@ from stepdiag.solver.adjustment.faults import Fault, Suspicion
 from stepdiag.solver.model.layout import Layout
 
 APART_UM = 0.5
-"""Explanations whose machines differ by less over the volume (rms) may be left open: whatever is true, the result hardly moves."""
+"""Explanations whose machines differ by less over the volume (rms) may be left open: whatever is
+true, the result hardly moves."""
 
 
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
@@ -30,7 +31,13 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     if kinds != {STOP}:
         return finding("error", message("contradiction-ambiguous", suspects=suspects), among=among)
     if suspicion.apart_um > APART_UM:
-        return finding("error", message("contradiction-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
+        return finding(
+            "error",
+            message(
+                "contradiction-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um
+            ),
+            among=among,
+        )
     return finding("warning", message("contradiction-ambiguous.stop", suspects=suspects))
 
 
@@ -45,7 +52,10 @@ def name_explained(layout: Layout, found: Explained) -> list[Finding]:
     if products:
         return [finding("warning", message("machine-beside-model", suspects=products))]
     scales = [(layout.setups[found.named[at]].name, float(found.size[at])) for at in found.names]
-    return [finding("warning", message("setup-scale-off", setup=name, scale_um_m=size)) for name, size in scales]
+    return [
+        finding("warning", message("setup-scale-off", setup=name, scale_um_m=size))
+        for name, size in scales
+    ]
 
 
 def suspect(layout: Layout, found: Explained, at: int) -> Message:
@@ -59,14 +69,22 @@ def suspect(layout: Layout, found: Explained, at: int) -> Message:
 def _name_decided(layout: Layout, one: Fault) -> Finding:
     key = layout.passes[int(layout.pass_index[one.named])]
     place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
-    words = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
+    words = message(
+        "stop-outlier" if one.kind == STOP else "count-step",
+        place=layout.place(one.named),
+        size_um=one.size,
+    )
     return finding("warning", words, place, size_um=one.size)
 
 
 def _suspect(layout: Layout, one: Fault) -> Message:
     if one.kind == WALK:
         return message("suspect-pass", **_of_walk(layout, one))
-    return message("suspect-stop" if one.kind == STOP else "suspect-step", place=layout.place(one.named), size_um=one.size)
+    return message(
+        "suspect-stop" if one.kind == STOP else "suspect-step",
+        place=layout.place(one.named),
+        size_um=one.size,
+    )
 
 
 def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
@@ -75,7 +93,11 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
     """
     among = _passes_of(layout, walks)
     if len(walks) > 1:
-        return finding("error", message("pass-wanders.which", suspects=[_suspect(layout, walk) for walk in walks]), among=among)
+        return finding(
+            "error",
+            message("pass-wanders.which", suspects=[_suspect(layout, walk) for walk in walks]),
+            among=among,
+        )
     setup = layout.setups[int(layout.setup_index[walks[0].named])].name
     about = _of_walk(layout, walks[0])
     if _driven_again(layout, walks[0].rows):
@@ -93,12 +115,22 @@ def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
 def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
     """Return the arguments of a pass that wanders."""
     first, last = (int(layout.stop[walk.rows[place]]) for place in (0, -1))
-    passes = [layout.passes[int(number)].words for number in dict.fromkeys(layout.pass_index[walk.rows])]
-    return {"passes": passes, "first": first, "last": last, "size_um": walk.size * float(np.sqrt(len(walk.rows) - 1))}
+    passes = [
+        layout.passes[int(number)].words for number in dict.fromkeys(layout.pass_index[walk.rows])
+    ]
+    return {
+        "passes": passes,
+        "first": first,
+        "last": last,
+        "size_um": walk.size * float(np.sqrt(len(walk.rows) - 1)),
+    }
 
 
 def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
     """Return whether the setup has another pass in the same direction on another count."""
     mine: set[PassKey] = {layout.passes[int(number)] for number in layout.pass_index[rows]}
     others = [key for key in layout.passes if key not in mine]
-    return all(any(key.setup == other.setup and key.outward == other.outward for other in others) for key in mine)
+    return all(
+        any(key.setup == other.setup and key.outward == other.outward for other in others)
+        for key in mine
+    )

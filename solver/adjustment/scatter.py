@@ -15,7 +15,8 @@ the way out against the way back, and the pattern of three stops of a miss in a 
 separate the two. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979;
 once settled it is the restricted maximum likelihood)
 
-    log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of weighted squared residuals
+    log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of
+    weighted squared residuals
 
 over its rows. Before wrong stops are found, S comes from the median of the residuals, which single
 stops do not move. The prior is normal in the logarithm: the axes of a machine repeat alike, setups
@@ -43,7 +44,8 @@ FIRST_UM = 1.0
 an overrun.
 """
 BROAD = 1.0
-"""Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a grinding machine to a worn one."""
+"""Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a
+grinding machine to a worn one."""
 AXES_ALIKE = 0.3
 """Of an axis beside the others of its machine: by a third up or down."""
 SETUPS_ALIKE = 0.5
@@ -74,9 +76,12 @@ class Scatter:
 
     @property
     def repeatability_um(self) -> float:
-        """Return the repeatability of an approach, root mean square over the axes that show theirs, over all where none does."""
+        """Return the repeatability of an approach, root mean square over the axes that show theirs,
+        over all where none does."""
         shown = self.freedom_misses[:FIRST] > 0
-        return float(np.sqrt(np.mean(self.misses_um[:FIRST][shown if np.any(shown) else slice(None)] ** 2)))
+        return float(
+            np.sqrt(np.mean(self.misses_um[:FIRST][shown if np.any(shown) else slice(None)] ** 2))
+        )
 
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
@@ -90,7 +95,9 @@ class Scatter:
 
     def u_um(self, layout: Layout) -> Vector:
         """Return the standard uncertainty of every reading by noise, shape (m,)."""
-        u: Vector = np.maximum(np.hypot(_stated_um(layout), self.noise_um[layout.setup_index]), LEAST_U_UM)
+        u: Vector = np.maximum(
+            np.hypot(_stated_um(layout), self.noise_um[layout.setup_index]), LEAST_U_UM
+        )
         return u
 
     def near(self, other: "Scatter", layout: Layout) -> bool:
@@ -110,12 +117,17 @@ class Misses:
     kind: NDArray[np.int64]
 
 
-def estimated(fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assumed: Scatter, *, robust: bool) -> Scatter:
+def estimated(
+    fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assumed: Scatter, *, robust: bool
+) -> Scatter:
     """Return the most likely sizes by a fit made with the sizes ``before``; ``robust`` if stops may
     be wrong.
     """
     # backlash at first stops is as large in all passes of an axis: no median holds it
-    shown = [_shown(fit, misses.rows[misses.kind == kind], robust=robust and kind != FIRST) for kind in range(FIRST + 1)]
+    shown = [
+        _shown(fit, misses.rows[misses.kind == kind], robust=robust and kind != FIRST)
+        for kind in range(FIRST + 1)
+    ]
     likely = [_likely(np.exp(2.0 * _LOG), *one) for one in shown]
     log, size = np.log(before.misses_um), assumed.misses_um
     axes = _together(likely[:FIRST], log[:FIRST], size[:FIRST], AXES_ALIKE)
@@ -129,8 +141,11 @@ def estimated(fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assu
     )
 
 
-def _noise(fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, robust: bool) -> tuple[Vector, Vector]:
-    """Return the noise of every setup, and how many degrees of freedom showed it, shapes (setups,)."""
+def _noise(
+    fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, robust: bool
+) -> tuple[Vector, Vector]:
+    """Return the noise of every setup, and how many degrees of freedom showed it, shapes
+    (setups,)."""
     stated = _stated_um(layout)
     used_um = before.u_um(layout)
     likely, freedom = [], np.zeros(len(layout.setups))
@@ -138,13 +153,18 @@ def _noise(fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, ro
         rows = np.flatnonzero((layout.setup_index == index) & (fit.weight[: len(layout)] > 0))
         freedom[index], squares = _shown(fit, rows, robust=robust)
         size = before.noise_um[index] * np.exp(_LOG)
-        share = (stated[rows, None] ** 2 + size**2) / used_um[rows, None] ** 2 if len(rows) else np.ones((1, len(_LOG)))
+        share = (
+            (stated[rows, None] ** 2 + size**2) / used_um[rows, None] ** 2
+            if len(rows)
+            else np.ones((1, len(_LOG)))
+        )
         likely.append(_likely(np.mean(share, axis=0), freedom[index], squares))
     return _together(likely, np.log(before.noise_um), assumed.noise_um, SETUPS_ALIKE), freedom
 
 
 def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
-    """Return degrees of freedom and square sum that the residuals of some rows show of their scatter."""
+    """Return degrees of freedom and square sum that the residuals of some rows show of their
+    scatter."""
     redundancy = fit.redundancy[rows]
     used = (redundancy > CHECKED) & (fit.weight[rows] > 0)
     checked, freedom = rows[used], float(np.sum(redundancy[used]))
@@ -163,21 +183,35 @@ def _likely(ratio: Vector, freedom: float, squares: float) -> Vector:
     return found
 
 
-def _together(likely: Sequence[Vector], log_before: Vector, assumed: Vector, alike: float) -> Vector:
+def _together(
+    likely: Sequence[Vector], log_before: Vector, assumed: Vector, alike: float
+) -> Vector:
     """Return the sizes of a class that are most likely together, shape (k,).
 
-    ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a size of its own beside the assumed.
+    ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a
+    size of its own beside the assumed.
     """
     common, size = _COMMON[:, None], np.log(assumed)
-    each = [one - 0.5 * ((at + _LOG - own - common) / alike) ** 2 for one, at, own in zip(likely, log_before, size, strict=True)]
-    best = int(np.argmax(sum((np.max(one, axis=1) for one in each), -0.5 * (common[:, 0] / BROAD) ** 2)))
-    return np.array([np.exp(at + _LOG[np.argmax(one[best])]) for one, at in zip(each, log_before, strict=True)])
+    each = [
+        one - 0.5 * ((at + _LOG - own - common) / alike) ** 2
+        for one, at, own in zip(likely, log_before, size, strict=True)
+    ]
+    best = int(
+        np.argmax(sum((np.max(one, axis=1) for one in each), -0.5 * (common[:, 0] / BROAD) ** 2))
+    )
+    return np.array(
+        [np.exp(at + _LOG[np.argmax(one[best])]) for one, at in zip(each, log_before, strict=True)]
+    )
 
 
 def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
     """Return the setups whose readings state no noise and show none."""
     shown = found.freedom_noise + np.sum(found.freedom_misses[:FIRST]) >= LEAST_FREEDOM
-    return [setup.name for setup, lacking, seen in zip(layout.setups, _unstated(layout), shown, strict=True) if lacking and not seen]
+    return [
+        setup.name
+        for setup, lacking, seen in zip(layout.setups, _unstated(layout), shown, strict=True)
+        if lacking and not seen
+    ]
 
 
 def _stated_um(layout: Layout) -> Vector:
@@ -187,4 +221,9 @@ def _stated_um(layout: Layout) -> Vector:
 
 def _unstated(layout: Layout) -> NDArray[np.bool_]:
     """Return for every setup whether any of its readings states nothing, shape (setups,)."""
-    return np.array([not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))])
+    return np.array(
+        [
+            not np.all(np.isfinite(layout.u_um[layout.setup_index == index]))
+            for index in range(len(layout.setups))
+        ]
+    )

@@ -17,30 +17,52 @@ from stepdiag.solver.linear.fit import refit
 from stepdiag.solver.linear.mixed import MixedFit
 
 BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
-"""Twice the logarithm of what the likelihood must gain by the other sign to have `ODDS` of being it."""
+"""Twice the logarithm of what the likelihood must gain by the other sign to have `ODDS` of being
+it."""
 LEAST, MOST = 0.6, 1.6
 """Sizes between which the other sign is meant, beside what is wrong as well."""
 
 
 def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
-    """Return the functions whose other sign makes the readings likelier, each by more than chance; their sizes are found together.
+    """Return the functions whose other sign makes the readings likelier, each by more than chance;
+    their sizes are found together.
 
-    ``turned`` holds for each function by what its other sign changes the target of the fit, shape (rows,); the sizes of all causes stay.
+    ``turned`` holds for each function by what its other sign changes the target of the fit, shape
+    (rows,); the sizes of all causes stay.
     """
     names = [name for name in turned if _square(current, turned[name]) > BETTER]
     target = current.fixed.target
     while names:
         changes = [turned[name] for name in names]
         # the form of two changes by the squares of their sum and difference
-        form = np.array([[_square(current, one + two) - _square(current, one - two) for two in changes] for one in changes]) / 4.0
-        against = np.array([_square(current, target + one) - _square(current, target - one) for one in changes]) / 4.0
+        form = (
+            np.array(
+                [
+                    [_square(current, one + two) - _square(current, one - two) for two in changes]
+                    for one in changes
+                ]
+            )
+            / 4.0
+        )
+        against = (
+            np.array(
+                [_square(current, target + one) - _square(current, target - one) for one in changes]
+            )
+            / 4.0
+        )
         sizes = -np.linalg.lstsq(form, against, rcond=None)[0]
-        meant = [name for name, size in zip(names, sizes.tolist(), strict=True) if LEAST <= size <= MOST]
+        meant = [
+            name for name, size in zip(names, sizes.tolist(), strict=True) if LEAST <= size <= MOST
+        ]
         if len(meant) == len(names):
             break
         names = meant
     whole = _of(current, target + sum(turned[name] for name in names))
-    return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > BETTER]
+    return [
+        name
+        for name in names
+        if likelier(whole, _of(current, whole.fixed.target - turned[name])) > BETTER
+    ]
 
 
 def unseen_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
@@ -57,5 +79,7 @@ def _square(current: MixedFit, target: Vector) -> float:
 def _of(current: MixedFit, target: Vector) -> MixedFit:
     before = current.fixed
     fixed = refit(before.rows, target, before.weight, before.inverse)
-    causes = replace(current.causes, shown=current.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual))
+    causes = replace(
+        current.causes, shown=current.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual)
+    )
     return MixedFit(fixed, causes, current.size)

@@ -29,13 +29,15 @@ NEARLY_ALWAYS = 1.6
 than usual explain part of a step.
 """
 MOST_STANDING = 10.0
-"""Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6 times that size were named or refused."""
+"""Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6
+times that size were named or refused."""
 NOTHING_UM = 1e-6
 """A step of 1 um with a smaller effect on the volume counts as harmless: at the turn of a count
 1e-9 is rounding, elsewhere 0.1 is little.
 """
 TELLS_MORE = 1.3
-"""A slip that makes the volume's errors larger by this factor than the noise of the readings does is reported with its pass."""
+"""A slip that makes the volume's errors larger by this factor than the noise of the readings does
+is reported with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and their kinds of setups."""
 
@@ -52,8 +54,13 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
 
 
 def stands_out(fit: MixedFit, layout: Layout) -> float:
-    """Return at how many standard uncertainties a step is no chance (`solver.adjustment.evidence`), `MOST_STANDING` at most."""
-    return standing_out(max(fit.freedom, 1), log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))), MOST_STANDING)
+    """Return at how many standard uncertainties a step is no chance (`solver.adjustment.evidence`),
+    `MOST_STANDING` at most."""
+    return standing_out(
+        max(fit.freedom, 1),
+        log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))),
+        MOST_STANDING,
+    )
 
 
 def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips | None:
@@ -65,22 +72,38 @@ def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips |
     the passes in which a slip seen in half of the surveys makes more than `TELLS_MORE` times the
     effect of both together: no stated uncertainty holds it.
     """
-    field, report, out = _Field.of(fit, layout, design), dict[str, UnseenSlip](), stands_out(fit, layout)
+    field, report, out = (
+        _Field.of(fit, layout, design),
+        dict[str, UnseenSlip](),
+        stands_out(fit, layout),
+    )
     noise_um = field.noise_um()
     for name, kinds in KINDS.items():
         # in a count too short to be looked through nothing is seen, whatever its size
-        every = [_Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
-        every += [worst for count in counts(fit.fixed, layout, kinds) for worst in _worst_in(field, layout, count, out)]
+        every = [
+            _Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf)
+            for rows in short_counts(fit.fixed, layout, kinds)
+        ]
+        every += [
+            worst
+            for count in counts(fit.fixed, layout, kinds)
+            for worst in _worst_in(field, layout, count, out)
+        ]
         if every:
             worst = every[first_of_the_largest([each.made_um for each in every])]
-            more = [each for each in every if np.hypot(each.made_um, noise_um) > TELLS_MORE * noise_um > 0.0]
+            more = [
+                each
+                for each in every
+                if np.hypot(each.made_um, noise_um) > TELLS_MORE * noise_um > 0.0
+            ]
             passes = tuple(layout.passes[layout.pass_index[each.row]].place for each in more)
             report[name] = _slip(layout, worst, out, noise_um, passes)
     return UnseenSlips(**report) if report else None
 
 
 class _Worst(NamedTuple):
-    """The step that does most harm in a pass: the reading that it is before, how well it is known, what it makes of the volume."""
+    """The step that does most harm in a pass: the reading that it is before, how well it is known,
+    what it makes of the volume."""
 
     row: int
     u_um: float
@@ -88,7 +111,8 @@ class _Worst(NamedTuple):
 
 
 def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iterator[_Worst]:
-    """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys.
+    """Yield for every pass of a count the step that makes most of the volume where it is just seen
+    in half of the surveys.
 
     It is not the least visible step: on a single count a step at the turn hides well, in the
     backlash, and harms no way, whatever its size.
@@ -96,15 +120,21 @@ def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iter
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
     unseen = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(visible, moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
+    made = np.where(
+        visible, moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM), unseen
+    )
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)
         place = int(mine[first_of_the_largest(made[mine])])
-        yield _Worst(row=int(count.rows[place + 1]), u_um=float(u_um[place]), made_um=float(made[place]))
+        yield _Worst(
+            row=int(count.rows[place + 1]), u_um=float(u_um[place]), made_um=float(made[place])
+        )
 
 
-def _slip(layout: Layout, worst: _Worst, out: float, noise_um: float, passes: tuple[str, ...]) -> UnseenSlip:
+def _slip(
+    layout: Layout, worst: _Worst, out: float, noise_um: float, passes: tuple[str, ...]
+) -> UnseenSlip:
     key, u_um = layout.passes[layout.pass_index[worst.row]], worst.u_um
     noticed = bool(np.isfinite(u_um))
     return UnseenSlip(
@@ -142,18 +172,29 @@ class _Field:
         flat = field.reshape(3 * len(field), field.shape[2])
         # what stands between the nodes of the lattice moves none of its points
         moving = np.flatnonzero(np.any(flat, axis=0))
-        by_unknowns = np.linalg.qr(flat[:, moving], mode="r") @ wanted.select(moving).combination.dense()
+        by_unknowns = (
+            np.linalg.qr(flat[:, moving], mode="r") @ wanted.select(moving).combination.dense()
+        )
         through = fit.amount_covariance @ (fit.causes.taken.T @ by_unknowns.T)
         direct = fit.weight[:, None] * fit.fixed.packed.times(fit.inverse.solve(by_unknowns.T))
-        return cls(fit=fit, by_unknowns=by_unknowns, by_readings=direct - fit.causes.left @ through, values=len(flat))
+        return cls(
+            fit=fit,
+            by_unknowns=by_unknowns,
+            by_readings=direct - fit.causes.left @ through,
+            values=len(flat),
+        )
 
     def noise_um(self) -> float:
-        """Return what the readings' noise makes of them, root mean square of the vectors (k = 1)."""
+        """Return what the readings' noise makes of them, root mean square of the vectors (k =
+        1)."""
         known = self.fit.inverse.solve(self.by_unknowns.T)
-        return float(np.sqrt(max(3.0 * float(np.sum(self.by_unknowns.T * known)) / self.values, 0.0)))
+        return float(
+            np.sqrt(max(3.0 * float(np.sum(self.by_unknowns.T * known)) / self.values, 0.0))
+        )
 
     def moved_um(self, count: Count) -> Vector:
-        """Return what a step of 1 um before each reading but the first makes of them, root mean square of the vectors."""
+        """Return what a step of 1 um before each reading but the first makes of them, root mean
+        square of the vectors."""
         return self._rms_um(from_each_on(self.by_readings[count.rows])[1:])
 
     def _rms_um(self, off_um: Vector) -> Vector:

@@ -14,7 +14,8 @@ LEAST_POWER_UM2 = 1e-8
 
 
 def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vector:
-    """Return twice the negative log-likelihood of the nine displacement functions as smooth ones, shape (k,) for ``unknowns`` (count, k).
+    """Return twice the negative log-likelihood of the nine displacement functions as smooth ones,
+    shape (k,) for ``unknowns`` (count, k).
 
     ``variance_um2`` (count,) is the variance of each unknown by noise: values with scatter are no
     rougher than their noise.
@@ -34,7 +35,9 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
             values = unknowns[columns.of(0, axis, component)]
             shape = values[:-1] - values[-1] * (number / columns.nodes)[:, None]
             power += (transform @ shape) ** 2 / FUNCTIONS
-    shown = np.concatenate([columns.of(0, axis, component)[:-1] for axis in range(3) for component in range(3)])
+    shown = np.concatenate(
+        [columns.of(0, axis, component)[:-1] for axis in range(3) for component in range(3)]
+    )
     noise_um2 = 2.0 / columns.nodes * float(np.quantile(variance_um2[shown], 0.5))
     power = np.maximum(power, max(noise_um2, LEAST_POWER_UM2))
     falling = np.column_stack([_falling(column) for column in power.T])
@@ -43,7 +46,8 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
 
 
 def _falling(power: Vector) -> Vector:
-    """Return the nearest sequence that nowhere rises (pool adjacent violators: the maximum likelihood of falling variances)."""
+    """Return the nearest sequence that nowhere rises (pool adjacent violators: the maximum
+    likelihood of falling variances)."""
     pooled: list[tuple[float, int]] = []
     for value in power.tolist():
         mean, count = value, 1

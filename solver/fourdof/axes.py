@@ -1,4 +1,5 @@
-"""From the head's lateral axes to the names of ISO 230-1: straightness EYX .. and rotations EAX .. of the axis that moved."""
+"""From the head's lateral axes to the names of ISO 230-1: straightness EYX .. and rotations EAX ..
+of the axis that moved."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -34,18 +35,25 @@ class Mount:
     def __post_init__(self) -> None:
         """Refuse directions other than three different axes with the beam along the moving axis."""
         if self.beam[1] != self.axis:
-            raise UsageError("head: beam", expected=message("for-run-along", axis=self.axis), found=self.beam)
+            raise UsageError(
+                "head: beam", expected=message("for-run-along", axis=self.axis), found=self.beam
+            )
         if {self.beam[1], self.detector_x[1], self.detector_y[1]} != set(AXES):
             found = f"{self.beam}, {self.detector_x}, {self.detector_y}"
-            raise UsageError("head: beam, detector_x, detector_y", expected=message("three-different-axes"), found=found)
+            raise UsageError(
+                "head: beam, detector_x, detector_y",
+                expected=message("three-different-axes"),
+                found=found,
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisErrors:
-    """Errors of one axis: two straightness functions in um and two rotations in urad, by ISO 230-1 name.
+    """Errors of one axis: two straightness functions in um and two rotations in urad, by ISO 230-1
+    name.
 
-    Positions ascend; every value is the mean of the samples there. Rotations are zero at the first position; straightness has its
-    reference line removed. The roll is not measured.
+    Positions ascend; every value is the mean of the samples there. Rotations are zero at the first
+    position; straightness has its reference line removed. The roll is not measured.
     """
 
     position_mm: Vector
@@ -54,11 +62,17 @@ class AxisErrors:
 
 
 def axis_errors(
-    position_mm: Vector, straightness_um: Vector, angle_urad: Vector, mount: Mount, line: LineMethod = "end-point"
+    position_mm: Vector,
+    straightness_um: Vector,
+    angle_urad: Vector,
+    mount: Mount,
+    line: LineMethod = "end-point",
 ) -> AxisErrors:
-    """Return the machine's errors from a run: axis positions (N,), straightness and angle (N, 2) in the detectors' axes.
+    """Return the machine's errors from a run: axis positions (N,), straightness and angle (N, 2) in
+    the detectors' axes.
 
-    A mirror that turns by ``w`` deflects the beam ``b`` by ``2 b x w``: the head's angle in lateral direction ``e`` is ``(b x w).e``.
+    A mirror that turns by ``w`` deflects the beam ``b`` by ``2 b x w``: the head's angle in lateral
+    direction ``e`` is ``(b x w).e``.
     """
     positions, at = np.unique(position_mm, return_inverse=True)
     side = 1.0 if mount.target_on == "tool" else -1.0

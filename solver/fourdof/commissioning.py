@@ -1,4 +1,5 @@
-"""Commissioning of the four-degree-of-freedom head: the detectors' curves from a reference stage."""
+"""Commissioning of the four-degree-of-freedom head: the detectors' curves from a reference
+stage."""
 
 from dataclasses import dataclass
 
@@ -12,12 +13,14 @@ from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 Vector = NDArray[np.float64]
 
 MAX_GAIN_ERROR = 0.05
-"""Ordinary focal lengths and amplifiers are within 2 per cent; beyond 5 a curve, a focal length or a distance is wrong."""
+"""Ordinary focal lengths and amplifiers are within 2 per cent; beyond 5 a curve, a focal length or
+a distance is wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveFit:
-    """A detector's curve, its residuals in um at every row and its standard uncertainty there (reference included)."""
+    """A detector's curve, its residuals in um at every row and its standard uncertainty there
+    (reference included)."""
 
     curve: Curve
     residual_um: Vector
@@ -25,22 +28,34 @@ class CurveFit:
 
 
 def fit_curve(
-    reading: ArrayLike, shift_um: ArrayLike, *, kind: CurveKind = "polynomial", degree: int = 5, u_reference_um: float = 0.0
+    reading: ArrayLike,
+    shift_um: ArrayLike,
+    *,
+    kind: CurveKind = "polynomial",
+    degree: int = 5,
+    u_reference_um: float = 0.0,
 ) -> CurveFit:
-    """Return the curve of a detector axis from a two-column run: normalised reading and the spot shift it stands for.
+    """Return the curve of a detector axis from a two-column run: normalised reading and the spot
+    shift it stands for.
 
-    The shift is twice the reference stage's displacement on the QD, and ``2 f tan(angle)`` on PSD2. The fit is least
-    squares in powers of the reading, or of its inverse error function. Refused (DataError) with fewer than two rows
-    more than coefficients, or where a reading does not decide its shift.
+    The shift is twice the reference stage's displacement on the QD, and ``2 f tan(angle)`` on PSD2.
+    The fit is least squares in powers of the reading, or of its inverse error function. Refused
+    (DataError) with fewer than two rows more than coefficients, or where a reading does not decide
+    its shift.
     """
     readings, shifts = np.asarray(reading, dtype=np.float64), np.asarray(shift_um, dtype=np.float64)
     variable = curve_variable(kind, readings)
     freedom = len(readings) - degree - 1
     if freedom < 2 or not np.isfinite(variable).all() or not np.isfinite(shifts).all():
         expected = message("at-least-rows-with", value=degree + 3)
-        raise DataError("calibration", expected=expected, found=message("such-rows", value=int(np.isfinite(variable).sum())))
+        raise DataError(
+            "calibration",
+            expected=expected,
+            found=message("such-rows", value=int(np.isfinite(variable).sum())),
+        )
     design = np.vander(variable, degree + 1, increasing=True)
-    # powers up to the fifth of a number below one: scale the columns or the normal equations lose half their digits
+    # powers up to the fifth of a number below one: scale the columns or the normal equations lose
+    # half their digits
     column = np.linalg.norm(design, axis=0)
     gain = np.linalg.pinv(design / column)
     coefficients = gain @ shifts / column

@@ -1,7 +1,8 @@
 """From the raw sums and differences of a position-sensitive detector to the shift of the spot.
 
-A quadrant detector under a Gaussian spot follows an error function, a lateral-effect detector is nearly linear; both
-are a polynomial in one variable: the normalised reading, or its inverse error function (instruments.md section 2).
+A quadrant detector under a Gaussian spot follows an error function, a lateral-effect detector is
+nearly linear; both are a polynomial in one variable: the normalised reading, or its inverse error
+function (instruments.md section 2).
 """
 
 import math
@@ -36,9 +37,11 @@ def inverse_erf(value: ArrayLike) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """Spot shift in um over the normalised reading ``q``: coefficients in ascending powers of q (or of erf^-1(q)).
+    """Spot shift in um over the normalised reading ``q``: coefficients in ascending powers of q (or
+    of erf^-1(q)).
 
-    ``low`` and ``high`` bound the readings for which the curve was calibrated; ``u_um`` is its standard uncertainty.
+    ``low`` and ``high`` bound the readings for which the curve was calibrated; ``u_um`` is its
+    standard uncertainty.
     """
 
     kind: CurveKind = "polynomial"
@@ -49,7 +52,9 @@ class Curve:
 
     def shift_um(self, reading: ArrayLike) -> Vector:
         """Return the shift of the spot, shape like ``reading``."""
-        shift: Vector = np.polynomial.polynomial.polyval(curve_variable(self.kind, reading), np.array(self.coefficients_um))
+        shift: Vector = np.polynomial.polynomial.polyval(
+            curve_variable(self.kind, reading), np.array(self.coefficients_um)
+        )
         return shift
 
     def covers(self, reading: Vector) -> Mask:
@@ -65,7 +70,8 @@ def curve_variable(kind: CurveKind, reading: ArrayLike) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectorAxis:
-    """One axis of a detector. ``sign`` undoes the fold mirrors and splitters in its plane (theory.md 9)."""
+    """One axis of a detector. ``sign`` undoes the fold mirrors and splitters in its plane
+    (theory.md 9)."""
 
     sign: Literal[1, -1] = 1
     curve: Curve = field(default_factory=Curve)
@@ -73,7 +79,8 @@ class DetectorAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detector:
-    """A two-axis detector with its light levels; ``rotation_mrad`` is its roll about the beam, from x to y.
+    """A two-axis detector with its light levels; ``rotation_mrad`` is its roll about the beam, from
+    x to y.
 
     ``dark`` is what difference x, difference y and sum read without light.
     """
@@ -88,7 +95,8 @@ class Detector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spots:
-    """Spot shifts in um, shape (N, 2), NaN where there is no usable light, and what is wrong with each sample."""
+    """Spot shifts in um, shape (N, 2), NaN where there is no usable light, and what is wrong with
+    each sample."""
 
     shift_um: Vector
     u_um: tuple[float, float]
@@ -100,17 +108,23 @@ class Spots:
 def spots(detector: Detector, difference: Vector, total: Vector) -> Spots:
     """Return the spot of every sample from its differences (N, 2) and its sum (N,).
 
-    The difference is divided by the sum, so that the laser's power does not look like a shift. A difference above its
-    sum cannot be light on the detector: it counts as saturated.
+    The difference is divided by the sum, so that the laser's power does not look like a shift. A
+    difference above its sum cannot be light on the detector: it counts as saturated.
     """
     blocked = ~(total > detector.sum_min)
-    reading = (difference - np.array(detector.dark[:2])) / np.where(blocked, np.nan, total - detector.dark[2])[:, None]
+    reading = (difference - np.array(detector.dark[:2])) / np.where(
+        blocked, np.nan, total - detector.dark[2]
+    )[:, None]
     with np.errstate(invalid="ignore"):
         saturated = (total > detector.sum_max) | (np.abs(reading) > 1).any(axis=1)
     reading = np.where((blocked | saturated)[:, None], np.nan, reading)
     axes = (detector.x, detector.y)
-    shift = np.column_stack([axis.sign * axis.curve.shift_um(reading[:, i]) for i, axis in enumerate(axes)])
-    outside = ~(blocked | saturated) & ~(detector.x.curve.covers(reading[:, 0]) & detector.y.curve.covers(reading[:, 1]))
+    shift = np.column_stack(
+        [axis.sign * axis.curve.shift_um(reading[:, i]) for i, axis in enumerate(axes)]
+    )
+    outside = ~(blocked | saturated) & ~(
+        detector.x.curve.covers(reading[:, 0]) & detector.y.curve.covers(reading[:, 1])
+    )
     angle = 1e-3 * detector.rotation_mrad
     unroll = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
     return Spots(

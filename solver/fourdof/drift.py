@@ -24,12 +24,15 @@ values are taken unsmoothed.
 """
 SPEEDS = 25
 MOST_BENDS = 40
-"""The bends of a longer series count no more than so many: they punish what is left too rough, not what is left of a slow drift."""
+"""The bends of a longer series count no more than so many: they punish what is left too rough, not
+what is left of a slow drift."""
 BENDS_COUNT = 0.1
-"""Of the bends count: what a drift leaves of itself is bent alike from stop to stop. With half of them the likeliest drift is too smooth
-(one way over 8 m, 1.7 urad of noise: 83 % of the values within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with none)."""
+"""Of the bends count: what a drift leaves of itself is bent alike from stop to stop. With half of
+them the likeliest drift is too smooth (one way over 8 m, 1.7 urad of noise: 83 % of the values
+within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with none)."""
 BENDS_SHARE = 1.94
-"""Second differences of white noise have correlations of -2/3 and 1/6: 1 + 2 (4/9 + 1/36), the variance of a slope between two such."""
+"""Second differences of white noise have correlations of -2/3 and 1/6: 1 + 2 (4/9 + 1/36), the
+variance of a slope between two such."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +43,9 @@ class Drift:
     u_urad: Vector
 
 
-def slow_drift(time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vector, lever_mm: Vector) -> Drift:
+def slow_drift(
+    time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vector, lever_mm: Vector
+) -> Drift:
     """Return the drift at each time, shapes (N,), from the values of PSD1; times ascend.
 
     ``u_urad`` is the noise of each value by itself (0: none), ``spot_um`` half of the quadrant
@@ -57,7 +62,11 @@ def slow_drift(time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vecto
     floor = float(np.mean(u_urad**2))
     noise = np.maximum(found.noise, floor)
     # a noise ten times what the dwells show is a hundred times less likely than that
-    likely = found.log_likelihood - (np.log(noise / floor) if floor > 0.0 else 0.0) + _smoothness(spot_um, lever_mm, found.level)
+    likely = (
+        found.log_likelihood
+        - (np.log(noise / floor) if floor > 0.0 else 0.0)
+        + _smoothness(spot_um, lever_mm, found.level)
+    )
     weight = np.exp(likely - likely.max())
     weight /= weight.sum()
     level = found.level @ weight
@@ -78,7 +87,9 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
     if power <= 0.0:
         return np.zeros_like(rest_urad), np.zeros_like(rest_urad)
     slope = float(of_rest @ of_spot) / power
-    u_slope = min(float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power)), 1.0)
+    u_slope = min(
+        float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power)), 1.0
+    )
     # within 0 .. 1 without earlier knowledge; no part at all if the spot gives no evidence
     real = float(np.clip(slope, 0.0, 1.0)) * (1.0 - u_slope)
     open_share = real * (1.0 - real) * float(np.mean(rest_urad**2))
@@ -87,7 +98,8 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
 
 @dataclass(frozen=True, slots=True)
 class _Smoothed:
-    """For every speed, shapes (N, speeds) and (speeds,): the level, its variance in parts of the noise's, that, and the likelihood."""
+    """For every speed, shapes (N, speeds) and (speeds,): the level, its variance in parts of the
+    noise's, that, and the likelihood."""
 
     level: Vector
     share: Vector
@@ -127,5 +139,10 @@ def _smoothness(spot_um: Vector, lever_mm: Vector, level: Vector) -> Vector:
     Second differences are independent of the head's alignment.
     """
     bends = np.diff(spot_um[:, None] - 1e-3 * lever_mm[:, None] * level, n=2, axis=0)
-    likely: Vector = -0.5 * BENDS_COUNT * min(len(bends), MOST_BENDS) * np.log(np.maximum(np.sum(bends**2, axis=0), 1e-24))
+    likely: Vector = (
+        -0.5
+        * BENDS_COUNT
+        * min(len(bends), MOST_BENDS)
+        * np.log(np.maximum(np.sum(bends**2, axis=0), 1e-24))
+    )
     return likely

@@ -1,8 +1,10 @@
-"""The four-degree-of-freedom head: straightness, pitch and yaw with common-path compensation of the beam's drift.
+"""The four-degree-of-freedom head: straightness, pitch and yaw with common-path compensation of the
+beam's drift.
 
-Feng, Zhang, Kuang 2008, Eqs 1 to 5, with the signs and the lever of theory.md 9: with all detectors seen in one lateral
-axis, a pointing drift ``a`` of the source moves the spot on the quadrant detector (QD) by ``-2 L a``, on the drift
-detector (PSD1) by the angle ``-a`` and on the angle detector (PSD2) by ``+a``. Hence
+Feng, Zhang, Kuang 2008, Eqs 1 to 5, with the signs and the lever of theory.md 9: with all detectors
+seen in one lateral axis, a pointing drift ``a`` of the source moves the spot on the quadrant
+detector (QD) by ``-2 L a``, on the drift detector (PSD1) by the angle ``-a`` and on the angle
+detector (PSD2) by ``+a``. Hence
 
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
@@ -33,12 +35,14 @@ ANGLE_RANGE_ARCSEC = 600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosstalk:
-    """Calibrated corrections (theory.md 9, a to d); zero means not corrected. Pairs belong to the detectors' x and y.
+    """Calibrated corrections (theory.md 9, a to d); zero means not corrected. Pairs belong to the
+    detectors' x and y.
 
-    ``vertex_mm``: corner-cube vertex from the point whose straightness is wanted: lateral x, y and along the beam
-    (positive towards the head). ``psd1_leak``, ``psd2_leak``: angle a lateral beam shift pretends, urad per um, where a
-    detector stands out of its lens's focus. ``qd_gain_per_m``: relative growth of the QD's gain with the distance beyond
-    ``qd_calibrated_at_mm``, because the spot grows.
+    ``vertex_mm``: corner-cube vertex from the point whose straightness is wanted: lateral x, y and
+    along the beam (positive towards the head). ``psd1_leak``, ``psd2_leak``: angle a lateral beam
+    shift pretends, urad per um, where a detector stands out of its lens's focus. ``qd_gain_per_m``:
+    relative growth of the QD's gain with the distance beyond ``qd_calibrated_at_mm``, because the
+    spot grows.
     """
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -64,9 +68,10 @@ class Light:
 class Head:
     """The head as configured and calibrated.
 
-    The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d + extra_path_mm / 2``: the whole
-    way from the source's pivot to the cube, and half of the extra way from the cube back to the QD. A lever found by
-    the lever that `fourdof commission` writes holds the extra path already. ``lever_scale`` differs from 1 when PSD1's gain does.
+    The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d +
+    extra_path_mm / 2``: the whole way from the source's pivot to the cube, and half of the extra
+    way from the cube back to the QD. A lever found by the lever that `fourdof commission` writes
+    holds the extra path already. ``lever_scale`` differs from 1 when PSD1's gain does.
     """
 
     qd: Detector = field(default_factory=Detector)
@@ -81,18 +86,25 @@ class Head:
     crosstalk: Crosstalk = field(default_factory=Crosstalk)
 
     def lever_mm(self, travel_mm: ArrayLike) -> Vector:
-        """Return the effective lever at each travel away from the head, shape like ``travel_mm``."""
-        lever: Vector = self.dead_path_mm + 0.5 * self.extra_path_mm + self.lever_scale * np.asarray(travel_mm, dtype=np.float64)
+        """Return the effective lever at each travel away from the head, shape like
+        ``travel_mm``."""
+        lever: Vector = (
+            self.dead_path_mm
+            + 0.5 * self.extra_path_mm
+            + self.lever_scale * np.asarray(travel_mm, dtype=np.float64)
+        )
         return lever
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light was not usable.
+    """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light
+    was not usable.
 
-    ``raw_*`` is the same without drift compensation; ``drift_urad`` is PSD1's angle, freed of its noise where times were given, and
-    ``u_drift_urad`` what is uncertain about it then (else zero); ``u_*`` of the motion come from the detectors' calibration;
-    ``usable`` is False where the sample was blocked, saturated or outside the calibrated range.
+    ``raw_*`` is the same without drift compensation; ``drift_urad`` is PSD1's angle, freed of its
+    noise where times were given, and ``u_drift_urad`` what is uncertain about it then (else zero);
+    ``u_*`` of the motion come from the detectors' calibration; ``usable`` is False where the sample
+    was blocked, saturated or outside the calibrated range.
     """
 
     straightness_um: Vector
@@ -108,7 +120,8 @@ class Motion:
 
 
 def beam_angle_urad(shift_um: ArrayLike, focal_length_mm: float) -> Vector:
-    """Return the beam's angle from the spot's shift in the focal plane (Feng Eq. 1, arctangent kept)."""
+    """Return the beam's angle from the spot's shift in the focal plane (Feng Eq. 1, arctangent
+    kept)."""
     angle: Vector = 1e6 * np.arctan(np.asarray(shift_um, dtype=np.float64) * 1e-3 / focal_length_mm)
     return angle
 
@@ -122,7 +135,8 @@ def motion(
     time_s: Vector | None = None,
     u_psd1_urad: Vector | None = None,
 ) -> Motion:
-    """Return the motion of the target from the head's nine channels (N, 9): x, y, sum of QD, PSD1, PSD2.
+    """Return the motion of the target from the head's nine channels (N, 9): x, y, sum of QD, PSD1,
+    PSD2.
 
     ``travel_mm`` (N,) is the target's travel away from the head since the position to which
     ``dead_path_mm`` belongs; ``roll_urad`` (scalar or (N,)), from a level, serves the correction of
@@ -134,19 +148,32 @@ def motion(
     lever = lever_mm[:, None]
     seen = {
         name: spots(detector, channels[:, 3 * i : 3 * i + 2], channels[:, 3 * i + 2])
-        for i, (name, detector) in enumerate((("QD", head.qd), ("PSD1", head.psd1), ("PSD2", head.psd2)))
+        for i, (name, detector) in enumerate(
+            (("QD", head.qd), ("PSD1", head.psd1), ("PSD2", head.psd2))
+        )
     }
     qd_um = _qd_at_distance(seen["QD"].shift_um, lever, head.crosstalk)
-    psd1 = beam_angle_urad(seen["PSD1"].shift_um, head.psd1_focal_length_mm) - np.array(head.crosstalk.psd1_leak) * qd_um
+    psd1 = (
+        beam_angle_urad(seen["PSD1"].shift_um, head.psd1_focal_length_mm)
+        - np.array(head.crosstalk.psd1_leak) * qd_um
+    )
     u_drift = np.zeros_like(psd1)
     if time_s is not None:
-        psd1, u_drift = _freed_of_noise(psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad)
+        psd1, u_drift = _freed_of_noise(
+            psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad
+        )
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
-    # the beam on PSD2 has walked sideways on its way out by the drift and on its way back by its angle, each times the distance
+    # the beam on PSD2 has walked sideways on its way out by the drift and on its way back by its
+    # angle, each times the distance
     walked = np.array(head.crosstalk.psd2_leak) * lever * 1e-3
     psd2 = (psd2 + walked * psd1) / (1 + walked)
     angle = (psd2 + psd1) / 2
-    straightness = _at_reference(qd_um / 2 - 1e-3 * lever * psd1, angle, np.broadcast_to(roll_urad, len(channels)), head.crosstalk)
+    straightness = _at_reference(
+        qd_um / 2 - 1e-3 * lever * psd1,
+        angle,
+        np.broadcast_to(roll_urad, len(channels)),
+        head.crosstalk,
+    )
     u_psd1 = 1e3 * np.array(seen["PSD1"].u_um) / head.psd1_focal_length_mm
     u_psd2 = 1e3 * np.array(seen["PSD2"].u_um) / head.psd2_focal_length_mm
     usable, findings = _quality(seen, straightness, angle, _clipped(head, channels))
@@ -164,14 +191,23 @@ def motion(
     )
 
 
-def _freed_of_noise(psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector) -> tuple[Vector, Vector]:
-    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples without light stay as they are."""
+def _freed_of_noise(
+    psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector
+) -> tuple[Vector, Vector]:
+    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
+    without light stay as they are."""
     # a stop that was driven again stands in its place of the run, not of the time
     in_time = np.argsort(time_s, kind="stable")
     lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
     drift, u = psd1_urad.copy(), u_urad.copy()
     for column in range(2):
-        found = slow_drift(time_s[lit], psd1_urad[lit, column], u_urad[lit, column], spot_um[lit, column], lever_mm[lit])
+        found = slow_drift(
+            time_s[lit],
+            psd1_urad[lit, column],
+            u_urad[lit, column],
+            spot_um[lit, column],
+            lever_mm[lit],
+        )
         drift[lit, column], u[lit, column] = found.angle_urad, found.u_urad
     return drift, u
 
@@ -182,8 +218,11 @@ def _qd_at_distance(qd_um: Vector, lever: Vector, crosstalk: Crosstalk) -> Vecto
     return corrected
 
 
-def _at_reference(vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk: Crosstalk) -> Vector:
-    """Move the straightness from the cube's vertex to the reference point (theory.md 9, crosstalk a and b)."""
+def _at_reference(
+    vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk: Crosstalk
+) -> Vector:
+    """Move the straightness from the cube's vertex to the reference point (theory.md 9, crosstalk a
+    and b)."""
     x, y, along = crosstalk.vertex_mm
     arm_um = 1e-3 * np.column_stack([-roll_urad * y, roll_urad * x])
     moved: Vector = vertex_um - arm_um - 1e-3 * along * angle
@@ -214,7 +253,9 @@ _Fault = Literal[
 ]
 
 
-def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector, clipped: Mask) -> tuple[Mask, tuple[Finding, ...]]:
+def _quality(
+    seen: dict[str, Spots], straightness: Vector, angle: Vector, clipped: Mask
+) -> tuple[Mask, tuple[Finding, ...]]:
     clipped = clipped & ~np.any([spot.blocked for spot in seen.values()], axis=0)
     findings = _remark("fourdof-out-of-range.clipped", clipped)
     usable = np.ones(len(straightness), dtype=bool)
@@ -234,4 +275,11 @@ def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector, clippe
 def _remark(key: _Fault, mask: Mask, **about: str | float) -> list[Finding]:
     if not mask.any():
         return []
-    return [finding("warning", message(key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about))]
+    return [
+        finding(
+            "warning",
+            message(
+                key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about
+            ),
+        )
+    ]

@@ -1,8 +1,9 @@
 """The head's calibration from a run with the machine as its stage: a regression over all nine
 channels.
 
-The machine jogs the target sideways by known amounts at two distances or more, and stands while the laser's pointing wobbles. In one
-lateral frame (theory.md 9), with the target moved by ``m``, at ``X`` of its end, and a pointing ``a`` of the source at lever ``L = l + d``
+The machine jogs the target sideways by known amounts at two distances or more, and stands while the
+laser's pointing wobbles. In one lateral frame (theory.md 9), with the target moved by ``m``, at
+``X`` of its end, and a pointing ``a`` of the source at lever ``L = l + d``
 
     spot on the QD   q = 2 (m + X) - 2 L a         times 1 + growth (d - middle)
     PSD1               = -a + leak1 q
@@ -27,11 +28,20 @@ from stepdiag.base.messages import Message, message
 Vector = NDArray[np.float64]
 
 FIELDS = (
-    "qd.x", "qd.y", "qd.rotation_mrad", "crosstalk.qd_gain_per_m",
-    "psd1.x", "psd1.y", "psd1.rotation_mrad", "crosstalk.psd1_leak",
-    "psd2.x", "psd2.y", "psd2.rotation_mrad", "crosstalk.psd2_leak",
+    "qd.x",
+    "qd.y",
+    "qd.rotation_mrad",
+    "crosstalk.qd_gain_per_m",
+    "psd1.x",
+    "psd1.y",
+    "psd1.rotation_mrad",
+    "crosstalk.psd1_leak",
+    "psd2.x",
+    "psd2.y",
+    "psd2.rotation_mrad",
+    "crosstalk.psd2_leak",
     "lever",
-)  # fmt: skip
+)
 """Results of the regression, by the fields of the calibration file: gains of the curves in the
 file, rolls in mrad, growth of the QD's gain a metre, leaks in urad per um (alike in x and y), the
 dead path of the lever in mm.
@@ -47,9 +57,11 @@ MOST_U_GAIN = 0.02
 leaves half of the refused 5 per cent.
 """
 ROUNDS, STEPS = 6, 8
-"""Of the sizes of the noise, and of Gauss and Newton within each: both settle to 1e-6 in half as many."""
+"""Of the sizes of the noise, and of Gauss and Newton within each: both settle to 1e-6 in half as
+many."""
 LINEAR = 1e-3
-"""Detectors follow their curves within a thousandth of the wobble: a smaller noise must not make its rows count for more than that."""
+"""Detectors follow their curves within a thousandth of the wobble: a smaller noise must not make
+its rows count for more than that."""
 JOG_UM = 1.0
 """Start of the search for the miss of a jog, in um of the spot."""
 
@@ -76,7 +88,8 @@ class Stands:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commissioned:
-    """Values and covariance of `FIELDS`, and what the residuals show: what a jog misses, in um of the target (k = 1)."""
+    """Values and covariance of `FIELDS`, and what the residuals show: what a jog misses, in um of
+    the target (k = 1)."""
 
     value: Vector
     covariance: Vector
@@ -91,7 +104,8 @@ class Commissioned:
 
 
 def commissioned(stands: Stands) -> Commissioned:
-    """Return the calibration that fits the run. Raises DataError where it does not decide a field, by the field's name."""
+    """Return the calibration that fits the run. Raises DataError where it does not decide a field,
+    by the field's name."""
     _require_places(stands)
     middle_mm = float(np.mean(np.unique(stands.distance_mm)))
     factor, jog_um = 1.0, JOG_UM
@@ -121,12 +135,22 @@ def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: floa
     leak1, leak2 = parameters[PSD1 + 3], parameters[PSD2 + 3]
     spot = 2.0 * (stands.moved_um + ends[0][stands.end]) - 2e-3 * lever * pointing
     growth = 1.0 + parameters[QD + 3] * 1e-3 * (stands.distance_mm - middle_mm)[:, None]
-    seen = (spot * growth, leak1 * spot - pointing, pointing * (1.0 + 2e-3 * leak2 * lever) + ends[1][stands.end])
-    return np.hstack([_read(parameters[first : first + 3], one) for first, one in zip((QD, PSD1, PSD2), seen, strict=True)])
+    seen = (
+        spot * growth,
+        leak1 * spot - pointing,
+        pointing * (1.0 + 2e-3 * leak2 * lever) + ends[1][stands.end],
+    )
+    return np.hstack(
+        [
+            _read(parameters[first : first + 3], one)
+            for first, one in zip((QD, PSD1, PSD2), seen, strict=True)
+        ]
+    )
 
 
 def _read(detector: Vector, lateral: Vector) -> Vector:
-    """Return what a detector of two gains and a roll in mrad reads, shape like ``lateral``: the inverse of `detector.spots`."""
+    """Return what a detector of two gains and a roll in mrad reads, shape like ``lateral``: the
+    inverse of `detector.spots`."""
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])
     own: Vector = lateral @ np.array([[cosine, -sine], [sine, cosine]]) / detector[:2]
     return own
@@ -138,11 +162,20 @@ class _Step:
     covariance: Vector
 
 
-def _gauss_newton(stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector) -> tuple[_Step, Vector, Vector]:
-    """Return the next step, the weighed residuals without the pointing, and their leverage: what they hide of the noise, both (N, 6)."""
+def _gauss_newton(
+    stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector
+) -> tuple[_Step, Vector, Vector]:
+    """Return the next step, the weighed residuals without the pointing, and their leverage: what
+    they hide of the noise, both (N, 6)."""
     still = np.zeros_like(stands.moved_um)
     base = _model(stands, parameters, still, middle_mm)
-    by_pointing = np.stack([(_model(stands, parameters, still + unit, middle_mm) - base) / sigma for unit in np.eye(2)], axis=2)
+    by_pointing = np.stack(
+        [
+            (_model(stands, parameters, still + unit, middle_mm) - base) / sigma
+            for unit in np.eye(2)
+        ],
+        axis=2,
+    )
     frame, _ = np.linalg.qr(by_pointing)
     pointing = np.einsum("nij,nj->ni", np.linalg.pinv(by_pointing), (stands.seen - base) / sigma)
     here = _model(stands, parameters, pointing, middle_mm)
@@ -150,7 +183,11 @@ def _gauss_newton(stands: Stands, parameters: Vector, middle_mm: float, sigma: V
     for index, value in enumerate(parameters):
         moved = parameters.copy()
         moved[index] += (size := 1e-6 * max(1.0, abs(value)))
-        columns.append(_without(frame, (_model(stands, moved, pointing, middle_mm) - here) / (size * sigma)).ravel())
+        columns.append(
+            _without(
+                frame, (_model(stands, moved, pointing, middle_mm) - here) / (size * sigma)
+            ).ravel()
+        )
     rest = _without(frame, (stands.seen - here) / sigma)
     jacobian = np.column_stack(columns)
     scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-30)
@@ -176,37 +213,67 @@ def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
 
 
 def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
-    """Return the standard deviation of every value, shape (N, 6): a jog misses by as much, however long the machine stands there."""
+    """Return the standard deviation of every value, shape (N, 6): a jog misses by as much, however
+    long the machine stands there."""
     still = ~stands.jogged
     wobble = np.std(_centred(stands, stands.seen, still)[still], axis=0)
-    sigma: Vector = factor * np.hypot(stands.noise / np.sqrt(stands.samples)[:, None], LINEAR * wobble)
+    sigma: Vector = factor * np.hypot(
+        stands.noise / np.sqrt(stands.samples)[:, None], LINEAR * wobble
+    )
     return np.where(_of_jogs(stands), np.hypot(sigma, jog_um), sigma)
 
 
 def _grown(rest: Vector, leverage: Vector, of: NDArray[np.bool_]) -> float:
-    """Return by how much the noise of some values is larger than it was taken for; a run without any noise must not divide by zero."""
+    """Return by how much the noise of some values is larger than it was taken for; a run without
+    any noise must not divide by zero."""
     return float(np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6)))
 
 
 def _require_places(stands: Stands) -> None:
     ends = np.unique(stands.end)
-    jogs = [(stands.distance_mm[stands.end == end][0], np.ptp(stands.moved_um[stands.end == end], axis=0).min()) for end in ends]
+    jogs = [
+        (
+            stands.distance_mm[stands.end == end][0],
+            np.ptp(stands.moved_um[stands.end == end], axis=0).min(),
+        )
+        for end in ends
+    ]
     distances = {distance for distance, moved_um in jogs if moved_um > 0.0}
     if len(distances) < 2:
         found = message("commission-places", count=len(distances))
-        raise DataError("commission", expected=message("jogs-at-two-distances"), found=found, remedy=message("fourdof-commission-program"))
+        raise DataError(
+            "commission",
+            expected=message("jogs-at-two-distances"),
+            found=found,
+            remedy=message("fourdof-commission-program"),
+        )
 
 
 def _start(stands: Stands) -> Vector:
-    """Return parameters near the right ones: jogs state the QD, the QD's spot states the pointing, and that both PSDs."""
+    """Return parameters near the right ones: jogs state the QD, the QD's spot states the pointing,
+    and that both PSDs."""
     ends = int(stands.end.max()) + 1
     about = stands.jogged[:, None] * _centred(stands, stands.moved_um, stands.jogged)
-    qd = _of_matrix(_matrix(2.0 * about, _centred(stands, stands.seen[:, :2], stands.jogged) * stands.jogged[:, None]), "qd")
+    qd = _of_matrix(
+        _matrix(
+            2.0 * about,
+            _centred(stands, stands.seen[:, :2], stands.jogged) * stands.jogged[:, None],
+        ),
+        "qd",
+    )
     spot = _lateral(qd, stands.seen[:, :2])
     still = ~stands.jogged
-    pointing = -_centred(stands, spot, still) / (2e-3 * stands.distance_mm[:, None]) * still[:, None]
+    pointing = (
+        -_centred(stands, spot, still) / (2e-3 * stands.distance_mm[:, None]) * still[:, None]
+    )
     psd1, psd2 = (
-        _of_matrix(_matrix(sign * pointing, _centred(stands, stands.seen[:, first : first + 2], still) * still[:, None]), name)
+        _of_matrix(
+            _matrix(
+                sign * pointing,
+                _centred(stands, stands.seen[:, first : first + 2], still) * still[:, None],
+            ),
+            name,
+        )
         for sign, first, name in ((-1.0, 2, "psd1"), (1.0, 4, "psd2"))
     )
     offsets = np.array([[spot[stands.end == end].mean(axis=0) / 2.0 for end in range(ends)]])
@@ -229,15 +296,26 @@ def _matrix(lateral: Vector, read: Vector) -> Vector:
 
 
 def _of_matrix(matrix: Vector, name: str) -> Vector:
-    """Return the two gains and the roll of a matrix. Raises DataError where its axes are none of the detector's."""
+    """Return the two gains and the roll of a matrix. Raises DataError where its axes are none of
+    the detector's."""
     sizes = np.linalg.norm(matrix, axis=1)
     if not np.isfinite(sizes).all() or sizes.min() <= 0.0:
-        raise DataError(f"commission: {name}", expected=message("motion-on-detector"), found=message("none"), remedy=message("wobble-more"))
+        raise DataError(
+            f"commission: {name}",
+            expected=message("motion-on-detector"),
+            found=message("none"),
+            remedy=message("wobble-more"),
+        )
     of_x, of_y = np.arctan(matrix[0, 1] / matrix[0, 0]), np.arctan(-matrix[1, 0] / matrix[1, 1])
     if not max(abs(of_x), abs(of_y)) < 1e-3 * MOST_ROLL_MRAD:
         found = message("roll-found", mrad=float(1e3 * of_x), other_mrad=float(1e3 * of_y))
         remedy = message("detector-axes-or-wobble")
-        raise DataError(f"commission: {name}", expected=message("roll-within", mrad=MOST_ROLL_MRAD), found=found, remedy=remedy)
+        raise DataError(
+            f"commission: {name}",
+            expected=message("roll-within", mrad=MOST_ROLL_MRAD),
+            found=found,
+            remedy=remedy,
+        )
     return np.array([*(np.sign(np.diag(matrix)) / sizes), 500.0 * (of_x + of_y)])
 
 
@@ -252,13 +330,26 @@ def _require_decided(found: Commissioned, stands: Stands) -> None:
     """Raise DataError for a gain that the run does not decide, and for an impossible lever."""
     nearest = float(found.value[LEVER] + stands.distance_mm.min())
     if not nearest > 0.0:
-        expected, seen = message("lever-above-none"), message("lever-found", lever_mm=nearest, distance_mm=float(stands.distance_mm.min()))
-        raise DataError("commission: lever", expected=expected, found=seen, remedy=message("beam-direction-or-distance"))
+        expected, seen = (
+            message("lever-above-none"),
+            message("lever-found", lever_mm=nearest, distance_mm=float(stands.distance_mm.min())),
+        )
+        raise DataError(
+            "commission: lever",
+            expected=expected,
+            found=seen,
+            remedy=message("beam-direction-or-distance"),
+        )
     for index in (QD, QD + 1, PSD1, PSD1 + 1, PSD2, PSD2 + 1):
         share = float(found.u[index] / abs(found.value[index]))
         if not share <= MOST_U_GAIN:
-            expected, seen = message("gain-known-within", percent=100 * MOST_U_GAIN), message("gain-known", percent=100 * share)
-            raise DataError(f"commission: {FIELDS[index]}", expected=expected, found=seen, remedy=_more(index))
+            expected, seen = (
+                message("gain-known-within", percent=100 * MOST_U_GAIN),
+                message("gain-known", percent=100 * share),
+            )
+            raise DataError(
+                f"commission: {FIELDS[index]}", expected=expected, found=seen, remedy=_more(index)
+            )
 
 
 def _more(index: int) -> Message:

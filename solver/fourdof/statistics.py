@@ -1,4 +1,5 @@
-"""Stability and comparison tests of the four-degree-of-freedom head (Feng 2008, sections 3.1 and 3.3)."""
+"""Stability and comparison tests of the four-degree-of-freedom head (Feng 2008, sections 3.1 and
+3.3)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -55,12 +56,16 @@ def stability(raw: Vector, compensated: Vector, interval_s: float) -> Stability:
 
 
 def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
-    """Return averaging times (octaves) and the overlapping Allan deviation of readings at equal intervals.
+    """Return averaging times (octaves) and the overlapping Allan deviation of readings at equal
+    intervals.
 
-    Half the mean square of the difference of neighbouring averages, from every start (NIST SP 1065, 5.2.4).
+    Half the mean square of the difference of neighbouring averages, from every start (NIST SP 1065,
+    5.2.4).
     """
     sums = np.concatenate([[0.0], np.cumsum(values - np.mean(values))])
-    lengths = [1 << octave for octave in range(len(values).bit_length()) if 2 << octave <= len(values)]
+    lengths = [
+        1 << octave for octave in range(len(values).bit_length()) if 2 << octave <= len(values)
+    ]
     deviation = []
     for length in lengths:
         averages = (sums[length:] - sums[:-length]) / length
@@ -87,11 +92,20 @@ class Arm:
 
     def as_json(self) -> dict[str, object]:
         """Return the arm for programs: null where it is not shown."""
-        mm, u_mm = ([value if np.isfinite(value) else None for value in each.tolist()] for each in (self.mm, self.u_mm))
-        return {"mm": mm, "u_mm": u_mm, "rms_um": {name: self.rms_um(name) for name in self.residual_um}}
+        mm, u_mm = (
+            [value if np.isfinite(value) else None for value in each.tolist()]
+            for each in (self.mm, self.u_mm)
+        )
+        return {
+            "mm": mm,
+            "u_mm": u_mm,
+            "rms_um": {name: self.rms_um(name) for name in self.residual_um},
+        }
 
 
-def abbe_arm(position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]) -> Arm | None:
+def abbe_arm(
+    position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]
+) -> Arm | None:
     """Return the arm between two heads on an axis from the differences of their straightness
     functions; None if the differences do not decide the arm.
 
@@ -103,8 +117,13 @@ def abbe_arm(position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: 
     for number, name in enumerate(apart_um):
         component = "XYZ".index(name[1])
         block = np.zeros((len(position_mm), 3 + 2 * len(apart_um)))
-        for by, of, sign in (((component + 1) % 3, (component + 2) % 3, 1.0), ((component + 2) % 3, (component + 1) % 3, -1.0)):
-            block[:, of] += sign * 1e-3 * turning_urad.get(f"E{'ABC'[by]}{name[2]}", np.zeros(len(position_mm)))
+        for by, of, sign in (
+            ((component + 1) % 3, (component + 2) % 3, 1.0),
+            ((component + 2) % 3, (component + 1) % 3, -1.0),
+        ):
+            block[:, of] += (
+                sign * 1e-3 * turning_urad.get(f"E{'ABC'[by]}{name[2]}", np.zeros(len(position_mm)))
+            )
         block[:, 3 + 2 * number] = 1.0
         block[:, 4 + 2 * number] = (position_mm - position_mm.mean()) / np.ptp(position_mm)
         blocks.append(block)
@@ -120,12 +139,17 @@ def abbe_arm(position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: 
     arm = seen < 3
     mm, u_mm = np.full(3, np.nan), np.full(3, np.nan)
     mm[seen[arm]], u_mm[seen[arm]] = found[arm], u[arm]
-    return Arm(mm=mm, u_mm=u_mm, residual_um=dict(zip(apart_um, np.split(left, len(apart_um)), strict=True)))
+    return Arm(
+        mm=mm,
+        u_mm=u_mm,
+        residual_um=dict(zip(apart_um, np.split(left, len(apart_um)), strict=True)),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Residuals of one quantity against a reference instrument at the measured positions, in the quantity's unit."""
+    """Residuals of one quantity against a reference instrument at the measured positions, in the
+    quantity's unit."""
 
     position_mm: Vector
     residual: Vector
@@ -135,21 +159,33 @@ class Comparison:
 
 
 def compare(
-    position_mm: ArrayLike, measured: ArrayLike, reference_mm: ArrayLike, reference: ArrayLike, line: LineMethod | None = None
+    position_mm: ArrayLike,
+    measured: ArrayLike,
+    reference_mm: ArrayLike,
+    reference: ArrayLike,
+    line: LineMethod | None = None,
 ) -> Comparison:
     """Return measured minus reference, the reference read linearly between its own positions.
 
-    With ``line`` both are first freed of their own reference line, as straightness is; without it (angles) of their
-    value at the first common position. Only positions that the reference covers count; refused (DataError) with fewer than two.
+    With ``line`` both are first freed of their own reference line, as straightness is; without it
+    (angles) of their value at the first common position. Only positions that the reference covers
+    count; refused (DataError) with fewer than two.
     """
-    position, ours = np.asarray(position_mm, dtype=np.float64), np.asarray(measured, dtype=np.float64)
+    position, ours = (
+        np.asarray(position_mm, dtype=np.float64),
+        np.asarray(measured, dtype=np.float64),
+    )
     order = np.argsort(np.asarray(reference_mm, dtype=np.float64))
     known = np.asarray(reference_mm, dtype=np.float64)[order]
     low, high = (known[0], known[-1]) if len(known) else (0.0, 0.0)
     covered = (position >= low) & (position <= high)
     count = len(np.unique(position[covered])) if len(known) else 0
     if count < 2:
-        raise DataError("comparison", expected=message("two-positions-more-within", low=low, high=high), found=str(count))
+        raise DataError(
+            "comparison",
+            expected=message("two-positions-more-within", low=low, high=high),
+            found=str(count),
+        )
     position, ours = position[covered], ours[covered]
     theirs = np.interp(position, known, np.asarray(reference, dtype=np.float64)[order])
     if line is None:

@@ -15,7 +15,8 @@ Vector = NDArray[np.float64]
 
 
 def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
-    """Return the head with `regression.FIELDS` changed: gains by a share, rolls in mrad, leaks in urad per um, the lever in mm."""
+    """Return the head with `regression.FIELDS` changed: gains by a share, rolls in mrad, leaks in
+    urad per um, the lever in mm."""
     by = dict(zip(fields, change.tolist(), strict=True))
     return replace(
         head,
@@ -27,7 +28,9 @@ def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
     )
 
 
-def spread(of: Callable[[Head], Vector], head: Head, fields: Sequence[str], covariance: Vector) -> Vector:
+def spread(
+    of: Callable[[Head], Vector], head: Head, fields: Sequence[str], covariance: Vector
+) -> Vector:
     """Return the standard uncertainty of a quantity by the calibration, shape like the return of
     ``of``.
 
@@ -39,7 +42,9 @@ def spread(of: Callable[[Head], Vector], head: Head, fields: Sequence[str], cova
     size, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
     total = np.zeros_like(here)
     for value, axis in zip(size, axes.T, strict=True):
-        total = total + (of(varied(head, fields, np.sqrt(max(value, 0.0)) * axis * scale)) - here) ** 2
+        total = (
+            total + (of(varied(head, fields, np.sqrt(max(value, 0.0)) * axis * scale)) - here) ** 2
+        )
     u: Vector = np.sqrt(total)
     return u
 

@@ -1,8 +1,9 @@
 """Sizes of the causes of a mixed fit: restricted maximum likelihood, a size per group, the usual
 size if the readings are silent.
 
-Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3). The prior of a size has the user's as its most likely
-order of magnitude and goes on to nothing: a cause may be absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
+Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3). The prior of a
+size has the user's as its most likely order of magnitude and goes on to nothing: a cause may be
+absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,9 @@ def log_prior(log_factor: Vector) -> Vector:
     """Return the logarithm of the density of a size's logarithm, up to a constant, by its distance
     from the usual logarithm.
     """
-    found: Vector = HEAD * log_factor - 0.5 * (TAIL + HEAD) * np.log1p(HEAD / TAIL * np.exp(2.0 * log_factor))
+    found: Vector = HEAD * log_factor - 0.5 * (TAIL + HEAD) * np.log1p(
+        HEAD / TAIL * np.exp(2.0 * log_factor)
+    )
     return found
 
 
@@ -55,7 +58,9 @@ def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
     return first, np.maximum(2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED)
 
 
-def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], near: Vector | None = None) -> Sizes:
+def scored(
+    mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], near: Vector | None = None
+) -> Sizes:
     """Return the sizes that the readings make most likely.
 
     ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought``
@@ -72,7 +77,8 @@ def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_],
         gradient, information = _slope(here, member)
         first, curved = _prior_slope(log[free])
         step = np.linalg.solve(information + np.diag(curved), gradient + first)
-        # a size that has gone past the likeliest goes back half as far: expected information may promise too much
+        # a size that has gone past the likeliest goes back half as far: expected information may
+        # promise too much
         furthest = np.where(step * before < 0, 0.5 * furthest, furthest)
         before = np.clip(step, -furthest, furthest)
         log[free] = np.clip(log[free] + before, -FURTHEST, FURTHEST)
@@ -87,7 +93,8 @@ def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
 
 
 def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
-    """Return gradient and expected information of the restricted likelihood by the logarithm of every group's size."""
+    """Return gradient and expected information of the restricted likelihood by the logarithm of
+    every group's size."""
     determined = np.eye(len(here.size)) - here.damped_root.T @ here.damped_root
     safe = np.where(here.size > 0, here.size, 1.0)
     scaled = here.amount / safe
@@ -106,11 +113,16 @@ def gained(fit: AnyFit, left: Vector | float) -> Vector:
     """
     whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
     within = np.clip(left, _EXPLAINED * whole, whole)
-    found: Vector = np.asarray(whole - within if whole < _MUCH_SMALLER * freedom else min(whole, freedom) * np.log(whole / within))
+    found: Vector = np.asarray(
+        whole - within
+        if whole < _MUCH_SMALLER * freedom
+        else min(whole, freedom) * np.log(whole / within)
+    )
     return found
 
 
 def likelier(found: MixedFit, than: MixedFit) -> float:
-    """Return twice the logarithm of the ratio of two restricted likelihoods, each with the sizes of its causes as they are."""
+    """Return twice the logarithm of the ratio of two restricted likelihoods, each with the sizes of
+    its causes as they are."""
     damped = [-2.0 * float(np.sum(np.log(np.diag(one.damped_root)))) for one in (found, than)]
     return float(gained(than, found.chi_square)) + damped[1] - damped[0]

@@ -17,7 +17,8 @@ from stepdiag.base.volume import Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """An order of the unknowns: ``place[c]`` is the new place of column ``c``; ``edges`` (k + 1,) bounds k blocks, the border follows."""
+    """An order of the unknowns: ``place[c]`` is the new place of column ``c``; ``edges`` (k + 1,)
+    bounds k blocks, the border follows."""
 
     place: NDArray[np.int64]
     edges: NDArray[np.int64]
@@ -38,7 +39,8 @@ class Blocks:
 
 
 def order_blocks(group: NDArray[np.int64]) -> Blocks:
-    """Return the order in which unknowns of group 0, 1, 2 .. form the blocks and those of group -1 the border."""
+    """Return the order in which unknowns of group 0, 1, 2 .. form the blocks and those of group -1
+    the border."""
     highest = int(group.max(initial=-1))
     ranked = np.where(group < 0, highest + 1, group)
     place = np.empty(len(group), dtype=np.int64)
@@ -48,7 +50,8 @@ def order_blocks(group: NDArray[np.int64]) -> Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elimination:
-    """A symmetric positive definite matrix, eliminated: pivots inverted, multipliers, the border's solution and its inverse."""
+    """A symmetric positive definite matrix, eliminated: pivots inverted, multipliers, the border's
+    solution and its inverse."""
 
     blocks: Blocks
     pivot_inverse: list[Vector]
@@ -61,16 +64,21 @@ class Elimination:
         border = self.blocks.border
         solution = np.empty_like(right)
         solution[: border.start] = self.inner_solve(right[: border.start])
-        solution[border] = self.border_inverse @ (right[border] - self.border_solution.T @ right[: border.start])
+        solution[border] = self.border_inverse @ (
+            right[border] - self.border_solution.T @ right[: border.start]
+        )
         solution[: border.start] -= self.border_solution @ solution[border]
         return solution
 
     def inner_solve(self, right: Vector) -> Vector:
-        """Return the inverse of the blocks alone times ``right``, shape (places before the border, k)."""
+        """Return the inverse of the blocks alone times ``right``, shape (places before the border,
+        k)."""
         solution = right.copy()
         last = self.blocks.count - 1
         for index in range(last):
-            solution[self.blocks.block(index + 1)] -= self.multiplier[index] @ solution[self.blocks.block(index)]
+            solution[self.blocks.block(index + 1)] -= (
+                self.multiplier[index] @ solution[self.blocks.block(index)]
+            )
         for index in range(last, -1, -1):
             here = self.blocks.block(index)
             solution[here] = self.pivot_inverse[index] @ solution[here]
@@ -79,14 +87,19 @@ class Elimination:
         return solution
 
     def near(self) -> Iterator[tuple[int, Vector, Vector]]:
-        """Yield from the last block back: its number, its part of the inverse of the blocks alone, and the part between it and the block
-        before, shapes (own, own) and (own, before) (Takahashi's recursion)."""
+        """Yield from the last block back: its number, its part of the inverse of the blocks alone,
+        and the part between it and the block before, shapes (own, own) and (own, before)
+        (Takahashi's recursion)."""
         following = np.zeros((0, 0))
         for index in range(self.blocks.count - 1, -1, -1):
             here = self.pivot_inverse[index]
             if following.size:
                 here = here + self.multiplier[index].T @ following @ self.multiplier[index]
-            yield index, here, -here @ self.multiplier[index - 1] if index else np.zeros((len(here), 0))
+            yield (
+                index,
+                here,
+                -here @ self.multiplier[index - 1] if index else np.zeros((len(here), 0)),
+            )
             following = here
 
     def around(self) -> Iterator[tuple[int, Vector]]:
@@ -105,16 +118,23 @@ class Elimination:
             yield 0, self._around(0, np.zeros((0, 0)), inside, between, borders)
         yield -1, self.border_inverse
 
-    def _around(self, index: int, before: Vector, here: Vector, between: Vector, borders: Vector) -> Vector:
+    def _around(
+        self, index: int, before: Vector, here: Vector, between: Vector, borders: Vector
+    ) -> Vector:
         edges = self.blocks.edges
         near = slice(int(edges[max(index - 1, 0)]), int(edges[index + 1]))
-        inner = np.block([[before, between.T], [between, here]]) - borders[near] @ self.border_solution[near].T
+        inner = (
+            np.block([[before, between.T], [between, here]])
+            - borders[near] @ self.border_solution[near].T
+        )
         return np.block([[inner, borders[near]], [borders[near].T, self.border_inverse]])
 
     def diagonal(self) -> Vector:
         """Return the diagonal of the inverse, shape (count,)."""
         solution, inverse = self.border_solution, self.border_inverse
-        variance = np.concatenate([np.einsum("ij,ij->i", solution @ inverse, solution), np.diag(inverse)])
+        variance = np.concatenate(
+            [np.einsum("ij,ij->i", solution @ inverse, solution), np.diag(inverse)]
+        )
         for index, here, _ in self.near():
             variance[self.blocks.block(index)] += np.diag(here)
         return variance
@@ -148,25 +168,38 @@ class Normal:
         return Normal(
             self.blocks,
             [block * size[:, None] * size for block, size in zip(self.own, each, strict=True)],
-            [block * size[:, None] * before for block, size, before in zip(self.lower, each[1:], each, strict=False)],
+            [
+                block * size[:, None] * before
+                for block, size, before in zip(self.lower, each[1:], each, strict=False)
+            ],
             self.coupling * inner[:, None] * border,
             self.border * border[:, None] * border,
         )
 
     def raised(self, by: Vector) -> "Normal":
         """Return the matrix with ``by`` (count,) added to its diagonal."""
-        own = [block + np.diag(by[self.blocks.block(index)]) for index, block in enumerate(self.own)]
-        return Normal(self.blocks, own, self.lower, self.coupling, self.border + np.diag(by[self.blocks.border]))
+        own = [
+            block + np.diag(by[self.blocks.block(index)]) for index, block in enumerate(self.own)
+        ]
+        return Normal(
+            self.blocks,
+            own,
+            self.lower,
+            self.coupling,
+            self.border + np.diag(by[self.blocks.border]),
+        )
 
     def held(self, places: NDArray[np.int64]) -> "Normal":
-        """Return the matrix with some unknowns held: their rows and columns are those of the unit matrix."""
+        """Return the matrix with some unknowns held: their rows and columns are those of the unit
+        matrix."""
         free = np.ones(len(self.blocks.place))
         free[places] = 0.0
         return self.scaled(free).raised(1.0 - free)
 
 
 def eliminate(matrix: Normal) -> Elimination:
-    """Eliminate a symmetric positive definite matrix. Raises ``numpy.linalg.LinAlgError`` for a singular one."""
+    """Eliminate a symmetric positive definite matrix. Raises ``numpy.linalg.LinAlgError`` for a
+    singular one."""
     pivots: list[Vector] = []
     multipliers: list[Vector] = []
     for index, own in enumerate(matrix.own):
@@ -176,7 +209,9 @@ def eliminate(matrix: Normal) -> Elimination:
             pivot = pivot - multipliers[-1] @ matrix.lower[index - 1].T
         inverted: Vector = np.linalg.inv(pivot).astype(np.float64, copy=False)
         pivots.append(inverted)
-    partial = Elimination(matrix.blocks, pivots, multipliers, np.zeros((len(matrix.coupling), 0)), np.zeros((0, 0)))
+    partial = Elimination(
+        matrix.blocks, pivots, multipliers, np.zeros((len(matrix.coupling), 0)), np.zeros((0, 0))
+    )
     solution = partial.inner_solve(matrix.coupling)
     inverse = np.linalg.inv(matrix.border - matrix.coupling.T @ solution)
     return Elimination(matrix.blocks, pivots, multipliers, solution, 0.5 * (inverse + inverse.T))

@@ -27,13 +27,15 @@ CLASS_SPREAD = 0.6
 the usual and three times it lie 95 %, the distance of good and old machines (docs/uncertainty.md).
 """
 ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
-"""Of hidden waves: the share of machines without, what these have, and the range of the others: ball screws of 0.5 to 3 um."""
+"""Of hidden waves: the share of machines without, what these have, and the range of the others:
+ball screws of 0.5 to 3 um."""
 _FINE = 281
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A group's independent directions: ``direction`` (q, k) moves all amounts, the others adapting; ``seen`` and ``shown`` (k,).
+    """A group's independent directions: ``direction`` (q, k) moves all amounts, the others
+    adapting; ``seen`` and ``shown`` (k,).
 
     ``factor`` (points,): equally likely sizes, relative to the one found.
     """
@@ -50,31 +52,37 @@ class Family:
         return found
 
     def shift(self) -> Vector:
-        """Return by how much the amounts at the points differ from those at the size found, shape (points, k)."""
+        """Return by how much the amounts at the points differ from those at the size found, shape
+        (points, k)."""
         found: Vector = (self.variance(self.factor) - self.variance(np.ones(1))) * self.shown
         return found
 
     def surplus(self) -> Vector:
-        """Return the covariance of the amounts over all sizes less that at the size found, in all amounts, shape (q, q)."""
+        """Return the covariance of the amounts over all sizes less that at the size found, in all
+        amounts, shape (q, q)."""
         beside = np.diag(np.mean(self.variance(self.factor), axis=0) - self.variance(np.ones(1))[0])
         moved = self.shift()
         matrix: Vector = self.direction @ (beside + moved.T @ moved / len(moved)) @ self.direction.T
         return matrix
 
     def alone(self) -> Vector:
-        """Return what the group adds to the covariance of the amounts at the size found, shape (q, q)."""
+        """Return what the group adds to the covariance of the amounts at the size found, shape (q,
+        q)."""
         matrix: Vector = (self.direction * self.variance(np.ones(1))[0]) @ self.direction.T
         return matrix
 
 
 def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Family:
-    """Return the family of the causes ``mine`` (q,) of a fit, of which the size found is ``exp(log_found)`` times the usual one."""
+    """Return the family of the causes ``mine`` (q,) of a fit, of which the size found is
+    ``exp(log_found)`` times the usual one."""
     seen, shown, size = fit.causes.seen, fit.causes.shown, fit.size
     others = np.flatnonzero(~mine)
     own = np.flatnonzero(mine)
     damped = np.eye(len(others)) + size[others, None] * seen[np.ix_(others, others)] * size[others]
     across = seen[np.ix_(others, own)] * size[own]
-    adapting = size[others, None] * np.linalg.solve(damped, size[others, None] * np.column_stack([across, shown[others]]))
+    adapting = size[others, None] * np.linalg.solve(
+        damped, size[others, None] * np.column_stack([across, shown[others]])
+    )
     matrix = size[own, None] * seen[np.ix_(own, own)] * size[own] - across.T @ adapting[:, :-1]
     value, vector = np.linalg.eigh(0.5 * (matrix + matrix.T))
     direction = np.zeros((len(size), len(own)))
@@ -86,7 +94,8 @@ def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Famil
 
 
 def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
-    """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the one found."""
+    """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the one
+    found."""
     found: Vector = _sizes_at((np.arange(POINTS) + 0.5) / POINTS, seen, shown, log_found)
     return found
 
@@ -95,7 +104,9 @@ def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float
     """Return the sizes not exceeded with probabilities, relative to the size found."""
     log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
     square = np.exp(2.0 * log)[:, None]
-    likely = 0.5 * np.sum(square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1) + log_prior(log + log_found)
+    likely = 0.5 * np.sum(
+        square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1
+    ) + log_prior(log + log_found)
     share = np.cumsum(np.exp(likely - np.max(likely)))
     found: Vector = np.exp(np.interp(probability, share / np.max(share), log))
     return found
@@ -105,7 +116,10 @@ def size_by_all(families: Sequence[Family], probability: float) -> float:
     """Return the size not exceeded with a probability, by families of a group in independent fits,
     relative to their common usual size.
     """
-    seen, shown = (np.concatenate([np.zeros(0), *(getattr(one, field) for one in families)]) for field in ("seen", "shown"))
+    seen, shown = (
+        np.concatenate([np.zeros(0), *(getattr(one, field) for one in families)])
+        for field in ("seen", "shown")
+    )
     return _sizes_at(np.array([probability]), seen, shown, 0.0).item()
 
 
@@ -125,7 +139,9 @@ def hidden_factors() -> Vector:
     """
     share = (np.arange(POINTS) + 0.5) / POINTS
     low, high = WAVES_SPREAD
-    found: Vector = np.where(share < ABSENT, NEXT_TO_NONE, low + (high - low) * (share - ABSENT) / (1.0 - ABSENT))
+    found: Vector = np.where(
+        share < ABSENT, NEXT_TO_NONE, low + (high - low) * (share - ABSENT) / (1.0 - ABSENT)
+    )
     return found
 
 
@@ -135,7 +151,9 @@ def class_factors() -> Vector:
 
     They stand in an order of their own: their pairing with `likely_factors` has no meaning.
     """
-    found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[np.arange(POINTS) * (POINTS // 2) % POINTS]
+    found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[
+        np.arange(POINTS) * (POINTS // 2) % POINTS
+    ]
     return found
 
 
@@ -143,10 +161,15 @@ def normal_points(count: int) -> Vector:
     """Return ``count`` equally likely values of a standard normal variable, in order."""
     at = np.linspace(-6.0, 6.0, 2401)
     share = np.cumsum(np.exp(-0.5 * at**2))
-    found: Vector = np.interp((np.arange(count) + 0.5) / count, (share - 0.5 * np.exp(-0.5 * at**2)) / share[-1], at)
+    found: Vector = np.interp(
+        (np.arange(count) + 0.5) / count, (share - 0.5 * np.exp(-0.5 * at**2)) / share[-1], at
+    )
     return found
 
 
 def families(fit: MixedFit, group: NDArray[np.int64], sizes: Sizes) -> dict[int, Family]:
     """Return the family of every group whose size was sought, by its number."""
-    return {int(place): family_of(fit, group == place, float(np.log(sizes.factor[place]))) for place in np.flatnonzero(sizes.sought)}
+    return {
+        int(place): family_of(fit, group == place, float(np.log(sizes.factor[place])))
+        for place in np.flatnonzero(sizes.sought)
+    }

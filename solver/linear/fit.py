@@ -15,7 +15,8 @@ from stepdiag.solver.linear.rows import Rows
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """``unknowns`` (count,) minimise sum weight * (target - rows @ unknowns)^2; weight = 1/u^2, 0 where a row is left out."""
+    """``unknowns`` (count,) minimise sum weight * (target - rows @ unknowns)^2; weight = 1/u^2, 0
+    where a row is left out."""
 
     rows: Rows
     weight: Vector
@@ -58,8 +59,11 @@ class Fit:
         return float(np.sum(self.weight * self.residual**2))
 
 
-def fit(rows: Rows, blocks: Blocks, target: Vector, weight: Vector, like: Inverse | None = None) -> Fit:
-    """Fit the unknowns; one step of iterative refinement restores what squaring the rows costs in precision.
+def fit(
+    rows: Rows, blocks: Blocks, target: Vector, weight: Vector, like: Inverse | None = None
+) -> Fit:
+    """Fit the unknowns; one step of iterative refinement restores what squaring the rows costs in
+    precision.
 
     ``like`` as in `solver.linear.least_squares.invert`.
     """
@@ -70,5 +74,7 @@ def fit(rows: Rows, blocks: Blocks, target: Vector, weight: Vector, like: Invers
 def refit(rows: Rows, target: Vector, weight: Vector, inverse: Inverse) -> Fit:
     """Fit another target with the inverse of the same rows and weights."""
     unknowns = inverse.solve(rows.transposed_times(weight * target))
-    unknowns = unknowns + inverse.solve(rows.transposed_times(weight * (target - rows.times(unknowns))))
+    unknowns = unknowns + inverse.solve(
+        rows.transposed_times(weight * (target - rows.times(unknowns)))
+    )
     return Fit(rows, weight, inverse, unknowns, target - rows.times(unknowns))

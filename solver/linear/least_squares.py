@@ -1,4 +1,5 @@
-"""Weighted least squares whose null space is computed: the generalised inverse of the normal equations."""
+"""Weighted least squares whose null space is computed: the generalised inverse of the normal
+equations."""
 
 from dataclasses import dataclass
 
@@ -11,7 +12,8 @@ from stepdiag.solver.linear.packed import Packed, pack
 from stepdiag.solver.linear.rows import Rows
 
 NULL_TOLERANCE = 1e-7
-"""A direction whose rows, in columns scaled to unit length, are shorter than this is not seen by the data."""
+"""A direction whose rows, in columns scaled to unit length, are shorter than this is not seen by
+the data."""
 _SHIFT = 1e-8
 _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
@@ -24,8 +26,8 @@ _PIECE = 512
 class Inverse:
     """A generalised inverse C of the normal matrix, for unknowns in their own order.
 
-    ``null`` (count, k) spans what the rows do not see. k unknowns (``fixed``) are held at zero instead: a combination that the
-    rows do see has the same value and variance whichever are held.
+    ``null`` (count, k) spans what the rows do not see. k unknowns (``fixed``) are held at zero
+    instead: a combination that the rows do see has the same value and variance whichever are held.
     """
 
     packed: Packed
@@ -65,8 +67,8 @@ class Inverse:
     def among(self, rows: Rows) -> Vector:
         """Return a' C b for every two of ``rows``, shape (k, k).
 
-        The part within the blocks is solved for, that of the border is a product of what `rows` have beside the blocks: rows touch few of
-        the unknowns, and the border is coupled to all.
+        The part within the blocks is solved for, that of the border is a product of what `rows`
+        have beside the blocks: rows touch few of the unknowns, and the border is coupled to all.
         """
         elimination, place = self.elimination, self.elimination.blocks.place
         start = elimination.blocks.border.start
@@ -78,7 +80,11 @@ class Inverse:
         for first in range(0, len(rows), _PIECE):
             piece = slice(first, min(first + _PIECE, len(rows)))
             some = np.zeros((len(place), piece.stop - first))
-            np.add.at(some, (ordered.column[piece].T, np.arange(piece.stop - first)), ordered.value[piece].T)
+            np.add.at(
+                some,
+                (ordered.column[piece].T, np.arange(piece.stop - first)),
+                ordered.value[piece].T,
+            )
             some[:start] = elimination.inner_solve(some[:start])
             some[start:] = 0.0
             found[:, piece] += ordered.times(some)
@@ -88,7 +94,9 @@ class Inverse:
         """Return for each row of ``combinations``, a linear function of the unknowns, whether the
         data determine it, shape (q,).
         """
-        length = np.sqrt(np.sum((combinations.value * self.scale[combinations.column]) ** 2, axis=1))
+        length = np.sqrt(
+            np.sum((combinations.value * self.scale[combinations.column]) ** 2, axis=1)
+        )
         hidden = np.linalg.norm(combinations.times(self.null), axis=1)
         seen: NDArray[np.bool_] = hidden <= 10 * NULL_TOLERANCE * length
         return seen
@@ -97,7 +105,8 @@ class Inverse:
 def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = None) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``like`` is one of the same rows under other (positive) weights: the null space does not depend on them.
+    ``like`` is one of the same rows under other (positive) weights: the null space does not depend
+    on them.
     """
     system = _scaled(pack(rows, blocks) if like is None else like.packed, weight)
     if like is None:
@@ -107,7 +116,9 @@ def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = No
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
         # where weights have changed by powers of ten, the basis has lost as many digits
-        basis = np.linalg.qr(_refined(system, basis @ np.linalg.inv(basis[held]), held, elimination))[0]
+        basis = np.linalg.qr(
+            _refined(system, basis @ np.linalg.inv(basis[held]), held, elimination)
+        )[0]
     place = blocks.place
     return Inverse(
         packed=system.packed,
@@ -128,7 +139,8 @@ class _System:
     scale: Vector
 
     def image(self, block: Vector) -> Vector:
-        """Return the weighted rows times ``block`` (count, k), which stands in the order of the blocks, shape (m, k)."""
+        """Return the weighted rows times ``block`` (count, k), which stands in the order of the
+        blocks, shape (m, k)."""
         in_own_order = (block * self.scale[:, None])[self.packed.blocks.place]
         weighted: Vector = np.sqrt(self.weight)[:, None] * self.packed.times(in_own_order)
         return weighted
@@ -142,11 +154,14 @@ class _System:
     def times_normal(self, block: Vector) -> Vector:
         """Return the normal matrix times ``block`` (count, k), row by row, shape (count, k)."""
         ordered = np.empty_like(block)
-        ordered[self.packed.blocks.place] = self.packed.transposed_times(np.sqrt(self.weight)[:, None] * self.image(block))
+        ordered[self.packed.blocks.place] = self.packed.transposed_times(
+            np.sqrt(self.weight)[:, None] * self.image(block)
+        )
         return self.scale[:, None] * ordered
 
     def unseen(self, block: Vector, tolerance: float) -> Vector:
-        """Return an orthonormal basis of what the rows do not see of the span of orthonormal ``block`` (count, k), k > 0."""
+        """Return an orthonormal basis of what the rows do not see of the span of orthonormal
+        ``block`` (count, k), k > 0."""
         image = self.image(block)
         if np.linalg.norm(image) < tolerance:
             return block
@@ -164,10 +179,12 @@ def _scaled(packed: Packed, weight: Vector) -> _System:
 
 
 def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination]:
-    """Return an orthonormal basis (count, k) of the null space, the unknowns held at zero for it, and the elimination.
+    """Return an orthonormal basis (count, k) of the null space, the unknowns held at zero for it,
+    and the elimination.
 
-    Inverse iteration proposes candidates. Holding one unknown for each makes the matrix regular and gives the candidates
-    to full precision; the rows themselves then judge which are null, which squaring them could not.
+    Inverse iteration proposes candidates. Holding one unknown for each makes the matrix regular and
+    gives the candidates to full precision; the rows themselves then judge which are null, which
+    squaring them could not.
     """
     held = _pivots(_candidates(system))
     elimination = eliminate(system.normal.held(held))
@@ -177,14 +194,18 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     coupling[held] = 0.0
     exact = -elimination.solve(coupling)
     exact[held] = np.eye(len(held))
-    basis = system.unseen(np.linalg.qr(_refined(system, exact, held, elimination))[0], NULL_TOLERANCE)
+    basis = system.unseen(
+        np.linalg.qr(_refined(system, exact, held, elimination))[0], NULL_TOLERANCE
+    )
     if basis.shape[1] < len(held):
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
     return basis, held, elimination
 
 
-def _refined(system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination) -> Vector:
+def _refined(
+    system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination
+) -> Vector:
     """Return nearly null directions (count, k) with the digits restored that the normal matrix
     cost; ``held`` stay unchanged.
     """
@@ -197,7 +218,8 @@ def _refined(system: _System, basis: Vector, held: NDArray[np.int64], eliminatio
 
 
 def _candidates(system: _System) -> Vector:
-    """Return an orthonormal basis of directions that the rows hardly see, by inverse iteration on a growing block."""
+    """Return an orthonormal basis of directions that the rows hardly see, by inverse iteration on a
+    growing block."""
     count = len(system.scale)
     nearly = eliminate(system.normal.raised(np.full(count, _SHIFT)))
     size = min(_FIRST_BLOCK, count)
@@ -213,7 +235,8 @@ def _candidates(system: _System) -> Vector:
 
 
 def _pivots(basis: Vector) -> NDArray[np.int64]:
-    """Return as many unknowns as the basis (count, k) has columns, such that none but the zero vector of its span vanishes there."""
+    """Return as many unknowns as the basis (count, k) has columns, such that none but the zero
+    vector of its span vanishes there."""
     left = basis.copy()
     chosen = np.zeros(basis.shape[1], dtype=np.int64)
     for index in range(basis.shape[1]):

@@ -1,8 +1,11 @@
-"""A least-squares fit with random effects: causes of which only the usual size is known (Searle, Casella, McCulloch 1992, 7.4-7.6).
+"""A least-squares fit with random effects: causes of which only the usual size is known (Searle,
+Casella, McCulloch 1992, 7.4-7.6).
 
-    target = rows @ unknowns + pattern @ amount + noise,    amount ~ normal(0, size^2),    noise ~ normal(0, 1 / weight)
+    target = rows @ unknowns + pattern @ amount + noise,    amount ~ normal(0, size^2),    noise ~
+    normal(0, 1 / weight)
 
-The rows stay as sparse as they are; everything about the amounts lives in matrices of (causes, causes): sizes are tried in milliseconds.
+The rows stay as sparse as they are; everything about the amounts lives in matrices of (causes,
+causes): sizes are tried in milliseconds.
 """
 
 from dataclasses import dataclass
@@ -47,7 +50,14 @@ class Causes:
         np.subtract(pattern, scaled, out=scaled)
         root = np.sqrt(fit.weight)
         scaled *= root[:, None]
-        return cls(pattern, taken, scaled * root[:, None], scaled, scaled.T @ scaled, scaled.T @ (root * fit.residual))
+        return cls(
+            pattern,
+            taken,
+            scaled * root[:, None],
+            scaled,
+            scaled.T @ scaled,
+            scaled.T @ (root * fit.residual),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +87,8 @@ class MixedFit:
 
     @cached_property
     def damped_root(self) -> Vector:
-        """Return a factor of the inverse of D = 1 + size seen size: inverse = root.T @ root, shape (q, q).
+        """Return a factor of the inverse of D = 1 + size seen size: inverse = root.T @ root, shape
+        (q, q).
 
         No eigenvalue of D is below one: if the noise is next to nothing, rounding must not create a
         smaller value.
@@ -127,7 +138,8 @@ class MixedFit:
 
     @cached_property
     def taken_over(self) -> Vector:
-        """Return what independent combinations of the causes take over of each row's residual, weighted, shape (m, q)."""
+        """Return what independent combinations of the causes take over of each row's residual,
+        weighted, shape (m, q)."""
         found: Vector = self.causes.left @ self.root.T
         return found
 
@@ -144,7 +156,9 @@ class MixedFit:
 
     def _redundancy(self, rows: NDArray[np.int64], taken_over: Vector) -> Vector:
         spent = np.einsum("ij,ij->i", taken_over, taken_over)
-        share = self.fixed.redundancy[rows] - spent / np.where(self.weight[rows] > 0, self.weight[rows], np.inf)
+        share = self.fixed.redundancy[rows] - spent / np.where(
+            self.weight[rows] > 0, self.weight[rows], np.inf
+        )
         clipped: Vector = np.clip(share, 0.0, 1.0)
         return clipped
 
@@ -160,7 +174,8 @@ class MixedFit:
 
 
 def _inverse_of_lower(lower: Vector) -> Vector:
-    """Return the inverse of a lower triangular matrix, half by half: nearly all of it are products of matrices."""
+    """Return the inverse of a lower triangular matrix, half by half: nearly all of it are products
+    of matrices."""
     size = len(lower)
     if size <= _SMALL:
         small: Vector = np.linalg.inv(lower).astype(np.float64, copy=False)

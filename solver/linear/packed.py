@@ -44,7 +44,8 @@ class Packed:
         return total
 
     def transposed_times(self, readings: Vector, weight: Vector | None = None) -> Vector:
-        """Return A.T @ readings, shape (count, k) for (m, k); the readings counting with their ``weight`` (m,) where it is given."""
+        """Return A.T @ readings, shape (count, k) for (m, k); the readings counting with their
+        ``weight`` (m,) where it is given."""
         total = np.zeros((self.rows.count, readings.shape[1]))
         for piece in self.pieces:
             value = piece.value if weight is None else piece.value * weight[piece.row, None]
@@ -76,7 +77,8 @@ class Packed:
         return Normal(blocks, own, lower, coupling, border)
 
     def squares(self, elimination: Elimination, scale: Vector) -> Vector:
-        """Return a' S C S a for every row a, shape (m,), with C the inverse behind the elimination and S diagonal, ``scale`` (count,)."""
+        """Return a' S C S a for every row a, shape (m,), with C the inverse behind the elimination
+        and S diagonal, ``scale`` (count,)."""
         total = np.zeros(len(self.rows))
         by_block = {piece.block: piece for piece in self.pieces}
         for block, inverse in elimination.around():
@@ -88,7 +90,8 @@ class Packed:
 
 
 def pack(rows: Rows, blocks: Blocks) -> Packed:
-    """Return rows in pieces. Raises ``ValueError`` for a row that touches blocks which are no neighbours."""
+    """Return rows in pieces. Raises ``ValueError`` for a row that touches blocks which are no
+    neighbours."""
     order = np.argsort(blocks.place)
     edges, border = blocks.edges, order[blocks.border]
     group = np.full(rows.count, -1)
@@ -105,7 +108,8 @@ def pack(rows: Rows, blocks: Blocks) -> Packed:
 
 
 def _dense(rows: Rows, row: NDArray[np.int64], column: NDArray[np.int64]) -> Vector:
-    """Return some rows in some columns, which must be all that they touch, shape (rows, columns)."""
+    """Return some rows in some columns, which must be all that they touch, shape (rows,
+    columns)."""
     local = np.full(rows.count, -1)
     local[column] = np.arange(len(column))
     used = rows.value[row] != 0
@@ -113,5 +117,7 @@ def _dense(rows: Rows, row: NDArray[np.int64], column: NDArray[np.int64]) -> Vec
     if np.any(place < 0):
         raise ValueError("rows that touch blocks which are no neighbours")
     flat = np.repeat(np.arange(len(row)), used.sum(axis=1)) * len(column) + place
-    dense: Vector = np.bincount(flat, weights=value, minlength=len(row) * len(column)).astype(np.float64, copy=False)
+    dense: Vector = np.bincount(flat, weights=value, minlength=len(row) * len(column)).astype(
+        np.float64, copy=False
+    )
     return dense.reshape(len(row), len(column))

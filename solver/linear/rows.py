@@ -1,4 +1,5 @@
-"""A design matrix by rows that hold only their non-zero entries: a reading touches some 20 of up to 2000 unknowns."""
+"""A design matrix by rows that hold only their non-zero entries: a reading touches some 20 of up to
+2000 unknowns."""
 
 from dataclasses import dataclass
 
@@ -10,7 +11,8 @@ from stepdiag.base.volume import Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """A matrix A of ``count`` columns: entry ``value[i, k]`` stands in column ``column[i, k]``, shapes (m, width).
+    """A matrix A of ``count`` columns: entry ``value[i, k]`` stands in column ``column[i, k]``,
+    shapes (m, width).
 
     Unused places hold the value 0 (in any column).
     """
@@ -39,7 +41,9 @@ class Rows:
     def transposed_times(self, readings: Vector) -> Vector:
         """Return A.T @ readings, shape (count,)."""
         weights = (self.value * readings[:, None]).ravel()
-        total: Vector = np.bincount(self.column.ravel(), weights=weights, minlength=self.count).astype(np.float64, copy=False)
+        total: Vector = np.bincount(
+            self.column.ravel(), weights=weights, minlength=self.count
+        ).astype(np.float64, copy=False)
         return total
 
     def dense(self) -> Vector:
@@ -51,6 +55,11 @@ class Rows:
     def followed_by(self, other: "Rows") -> "Rows":
         """Return these rows followed by others of the same columns."""
         width = max(self.column.shape[1], other.column.shape[1])
-        columns = [np.pad(rows.column, ((0, 0), (0, width - rows.column.shape[1]))) for rows in (self, other)]
-        values = [np.pad(rows.value, ((0, 0), (0, width - rows.value.shape[1]))) for rows in (self, other)]
+        columns = [
+            np.pad(rows.column, ((0, 0), (0, width - rows.column.shape[1])))
+            for rows in (self, other)
+        ]
+        values = [
+            np.pad(rows.value, ((0, 0), (0, width - rows.value.shape[1]))) for rows in (self, other)
+        ]
         return Rows(np.vstack(columns), np.vstack(values), self.count)

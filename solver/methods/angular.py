@@ -21,8 +21,9 @@ show 7 times at most. A certainly larger value is no machine: in a small survey 
 passes for large angles.
 """
 FEW_FREEDOM = 20
-"""Three increments, driven once, have 13 degrees of freedom, two have 7: there a slip of 20 um in a run of three stops looks like angles
-of 130 urad, which made a machine worse that was compensated by it (5.7 to 9.8 um)."""
+"""Three increments, driven once, have 13 degrees of freedom, two have 7: there a slip of 20 um in a
+run of three stops looks like angles of 130 urad, which made a machine worse that was compensated by
+it (5.7 to 9.8 um)."""
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
@@ -37,7 +38,11 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
         own = shapes.causes_of(name)
         at_nodes = np.zeros((len(share), len(found.fit.size)))
         at_nodes[:, first + own] = shapes.range_of(name) * shapes.at(share)
-        none = Rows(np.zeros((len(share), 1), dtype=np.int64), np.zeros((len(share), 1)), found.design.columns.count)
+        none = Rows(
+            np.zeros((len(share), 1), dtype=np.int64),
+            np.zeros((len(share), 1)),
+            found.design.columns.count,
+        )
         moved = spread.moved(none, at_nodes)
         expected[name] = Function(
             position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[2])),
@@ -57,12 +62,16 @@ def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, fl
         return None
     place = spread.names.index("angles")
     usual = float(np.mean(found.shapes.range_urad)) * float(found.sizes.factor[place])
-    likely = usual * spread.families[place].factor if place in spread.families else np.full(1, usual)
+    likely = (
+        usual * spread.families[place].factor if place in spread.families else np.full(1, usual)
+    )
     low, middle, high = (float(size) for size in np.quantile(likely, (TAIL, 0.5, 1.0 - TAIL)))
     return middle, low, high
 
 
-def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], volume_um: dict[str, Any]) -> list[Finding]:
+def angle_findings(
+    found: Adjustment, spread: Spread, resolved: Sequence[str], volume_um: dict[str, Any]
+) -> list[Finding]:
     """Return what is to be known about the angular functions that were not measured."""
     size = angle_size_urad(found, spread)
     if size is None:
@@ -73,7 +82,9 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
     every = len(unknown) == len(ROTATIONS)
     words = message(
         "angles-unmeasured",
-        names=message("all-angular-functions") if every else message("angular-functions-of", names=unknown),
+        names=message("all-angular-functions")
+        if every
+        else message("angular-functions-of", names=unknown),
         turn_urad=size[0],
         low_urad=size[1],
         high_urad=size[2],
@@ -84,9 +95,14 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
-    """Return the refusal of a survey whose readings agree only where the machine turns further than machines of its class do."""
+    """Return the refusal of a survey whose readings agree only where the machine turns further than
+    machines of its class do."""
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:
         return []
     setups = [setup.name for setup in found.layout.setups]
-    return [finding("error", message("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual))]
+    return [
+        finding(
+            "error", message("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual)
+        )
+    ]

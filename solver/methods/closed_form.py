@@ -7,7 +7,14 @@ import numpy as np
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.members import Closure, Fit, Length
-from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, Function, Quantity, Result, Scale
+from stepdiag.base.result.result import (
+    AXIS_LETTERS,
+    DISPLACEMENTS,
+    Function,
+    Quantity,
+    Result,
+    Scale,
+)
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.diagnostics import travel_report
 from stepdiag.solver.model.layout import Layout
@@ -29,18 +36,26 @@ THETA_OF = {"C0Y": ("xy", -1.0), "B0Z": ("zx", 1.0), "A0Z": ("yz", -1.0)}
 def solve_wang2000(layout: Layout, chain: str) -> Result:
     """Return the result of Eqs 7, 8 and 13 as printed.
 
-    Contract 4 holds: straightness is given without its end-point line, although the equations keep it. Raises ``DataError``
-    unless all four diagonals are there.
+    Contract 4 holds: straightness is given without its end-point line, although the equations keep
+    it. Raises ``DataError`` unless all four diagonals are there.
     """
     return _result(layout, chain, "wang2000", wang2000, terms=2)
 
 
 def solve_least_squares(layout: Layout, chain: str) -> Result:
-    """Return the result of the four equations: shapes, squareness, scale sum. Raises ``DataError`` unless all four are there."""
+    """Return the result of the four equations: shapes, squareness, scale sum. Raises ``DataError``
+    unless all four are there."""
     return _result(layout, chain, "least-squares", least_squares, terms=4)
 
 
-def _result(layout: Layout, chain: str, method: str, solution_of: Callable[[DiagonalData], VectorSolution], *, terms: int) -> Result:
+def _result(
+    layout: Layout,
+    chain: str,
+    method: str,
+    solution_of: Callable[[DiagonalData], VectorSolution],
+    *,
+    terms: int,
+) -> Result:
     data = diagonal_data(layout)
     solution = solution_of(data)
     closure = closure_um(data)
@@ -53,7 +68,11 @@ def _result(layout: Layout, chain: str, method: str, solution_of: Callable[[Diag
         errors=errors,
         squareness=_squareness(layout.volume, solution, reading_u * float(np.sqrt(2.0)), terms),
         scale={letter: _scale(errors[f"E{letter}{letter}"]) for letter in AXIS_LETTERS},
-        setups={setup.name: travel_report(layout, setup) for setup in layout.setups if setup.name in _used(layout)},
+        setups={
+            setup.name: travel_report(layout, setup)
+            for setup in layout.setups
+            if setup.name in _used(layout)
+        },
         findings=(*layout.findings, *_method_findings(method), *_unused(layout), *findings),
         closure_um=Closure.of(closure),
         scale_sum_um=None if solution.scale_sum_um is None else Length(value=solution.scale_sum_um),
@@ -61,7 +80,9 @@ def _result(layout: Layout, chain: str, method: str, solution_of: Callable[[Diag
     )
 
 
-def _functions(volume: Volume, solution: VectorSolution, reading_u: float, terms: int) -> dict[str, Function]:
+def _functions(
+    volume: Volume, solution: VectorSolution, reading_u: float, terms: int
+) -> dict[str, Function]:
     """Return the nine functions; positioning keeps its slope if the method claims to determine
     it.
     """
@@ -85,7 +106,9 @@ def _functions(volume: Volume, solution: VectorSolution, reading_u: float, terms
     return functions
 
 
-def _squareness(volume: Volume, solution: VectorSolution, end_u: float, terms: int) -> dict[str, Quantity]:
+def _squareness(
+    volume: Volume, solution: VectorSolution, end_u: float, terms: int
+) -> dict[str, Quantity]:
     size = np.array(volume.size_mm)
     squareness = {}
     for name, (plane, sign) in THETA_OF.items():
@@ -100,11 +123,16 @@ def _scale(positioning: Function) -> Scale:
     if not positioning.slope_identified or positioning.value is None or positioning.u is None:
         return Scale(value=None, u=None, identified=False)
     per_metre = 1e3 / float(positioning.position_mm[-1] - positioning.position_mm[0])
-    return Scale(value=float(positioning.value[-1]) * per_metre, u=float(positioning.u[-1]) * per_metre, identified=True)
+    return Scale(
+        value=float(positioning.value[-1]) * per_metre,
+        u=float(positioning.u[-1]) * per_metre,
+        identified=True,
+    )
 
 
 def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[float, list[Finding]]:
-    """Return the standard uncertainty of an averaged reading: as stated, else from the increments of the closure residual."""
+    """Return the standard uncertainty of an averaged reading: as stated, else from the increments
+    of the closure residual."""
     used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
     stated = layout.u_um[used]
     if np.all(np.isfinite(stated)):

@@ -18,7 +18,8 @@ _MOST = 1e6
 
 
 def t_factor(freedom: float) -> float:
-    """Return the factor that holds 95.45 % of Student's t, 2 for many degrees of freedom (GUM table G.2; good to 2 % from three on)."""
+    """Return the factor that holds 95.45 % of Student's t, 2 for many degrees of freedom (GUM table
+    G.2; good to 2 % from three on)."""
     z, v = 2.0, max(freedom, 1.0)
     first = (z**3 + z) / 4.0
     second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
@@ -27,10 +28,14 @@ def t_factor(freedom: float) -> float:
 
 
 def coverage(
-    found: Adjustment, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector
+    found: Adjustment,
+    quantities: Quantities,
+    known: Mapping[str, bool],
+    u: Vector,
+    u_readings: Vector,
 ) -> dict[str, CoverageFactor]:
-    """Return effective degrees of freedom and k for 95 % by name, for those of which k is not about 2: readings that state their own
-    uncertainty are known well enough."""
+    """Return effective degrees of freedom and k for 95 % by name, for those of which k is not about
+    2: readings that state their own uncertainty are known well enough."""
     if np.all(np.isfinite(found.layout.u_um)):
         return {}
     report = {}
@@ -49,4 +54,11 @@ def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
         return []
     worst = max(report, key=lambda name: report[name].k)
     figures = report[worst]
-    return [finding("info", message("coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom))]
+    return [
+        finding(
+            "info",
+            message(
+                "coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom
+            ),
+        )
+    ]

@@ -40,27 +40,47 @@ class Candidate:
 
 
 def doubt_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on a survey of which something is wrong and nothing has a name: what it may be, the most probable first, what each
-    makes of the volume, and what separates them.
+    """Return the finding on a survey of which something is wrong and nothing has a name: what it
+    may be, the most probable first, what each makes of the volume, and what separates them.
 
-    Nothing where the lengths contradict each other by more than chance: all candidates are named there (`scale_findings`).
+    Nothing where the lengths contradict each other by more than chance: all candidates are named
+    there (`scale_findings`).
     """
     if not found.explained.unnamed or scale_findings(found):
         return []
-    every, volume = sorted(candidates(found), key=lambda one: -round(one.share, DECIMALS)), Volumes.of(found)
+    every, volume = (
+        sorted(candidates(found), key=lambda one: -round(one.share, DECIMALS)),
+        Volumes.of(found),
+    )
     if len(every) < 2:
         return []
-    suspects = [message("suspect-of-volume", suspect=one.words, volume_um=rms_um(volume.apart_um(one))) for one in every]
+    suspects = [
+        message("suspect-of-volume", suspect=one.words, volume_um=rms_um(volume.apart_um(one)))
+        for one in every
+    ]
     among = {place for one in every for place in one.passes}
     setup, minutes = separating(found.layout, every)
     words = message("contradiction-ambiguous.open", suspects=suspects, setup=setup, minutes=minutes)
-    return [finding("warning", words, among=tuple(one.place for one in found.layout.passes if one.place in among))]
+    return [
+        finding(
+            "warning",
+            words,
+            among=tuple(one.place for one in found.layout.passes if one.place in among),
+        )
+    ]
 
 
 def candidates(found: Adjustment) -> list[Candidate]:
     """Return all that is left open beside a survey, and growth beyond the usual."""
     explained, layout = found.explained, found.layout
-    every = [Candidate(share=explained.growth, words=message("suspect-growth"), effect=GROWTH, causes=slice(None))]
+    every = [
+        Candidate(
+            share=explained.growth,
+            words=message("suspect-growth"),
+            effect=GROWTH,
+            causes=slice(None),
+        )
+    ]
     for kind, effect in ((SCALE, ONE_SCALE), (PRODUCT, BESIDE)):
         for place, at in enumerate(explained.of(kind)):
             name = layout.setups[explained.named[at]].name if kind != PRODUCT else ""
@@ -91,7 +111,11 @@ class Volumes:
         """Return the volume of an adjustment."""
         first = found.first_cause("angles") if found.shapes.names else 0
         machine = machine_of(found.design, found.shapes, first, len(found.fit.size), found.products)
-        return cls(found=found, machine=machine, fields=free_fields_um(machine, found.layout.volume, found.design.chain))
+        return cls(
+            found=found,
+            machine=machine,
+            fields=free_fields_um(machine, found.layout.volume, found.design.chain),
+        )
 
     @property
     def reported_um(self) -> Vector:
@@ -109,7 +133,8 @@ class Volumes:
 
 
 def rms_um(field_um: Vector) -> float:
-    """Return the root mean square length of an error vector over the volume; ``field_um`` has the shape (3 points,)."""
+    """Return the root mean square length of an error vector over the volume; ``field_um`` has the
+    shape (3 points,)."""
     return float(np.sqrt(3.0 * np.mean(field_um**2)))
 
 
@@ -120,7 +145,9 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
         usual = min(1.0, 1.0 / size) if effect.name in (GROWTH, SETUP_SCALE) else 1.0
-        factor = np.full(effect.count, 0.0 if effect.name in (ONE_SCALE, ONE_WALK, BESIDE) else usual)
+        factor = np.full(
+            effect.count, 0.0 if effect.name in (ONE_SCALE, ONE_WALK, BESIDE) else usual
+        )
         if effect.name == one.effect:
             factor[one.causes] = 1.0 if effect.name == GROWTH else ALONE
         factors.append(factor)
@@ -133,7 +160,11 @@ def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
     """
     found = []
     for setup in layout.setups:
-        share = sum(one.share for one in every if any(place.startswith(f"{setup.name}/") for place in one.passes))
+        share = sum(
+            one.share
+            for one in every
+            if any(place.startswith(f"{setup.name}/") for place in one.passes)
+        )
         minutes = minutes_of(layout, setup)
         found.append((round(share * (1.0 - share) / minutes, DECIMALS), setup.name, minutes))
     _, name, minutes = max(found, key=lambda one: one[0])

@@ -12,10 +12,25 @@ from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.result.members import Backlash, Backlashes, Fit, Length
-from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.base.result.result import (
+    AXIS_LETTERS,
+    DISPLACEMENTS,
+    POSITIONING,
+    ROTATIONS,
+    SQUARENESS,
+    Function,
+    Quantity,
+    Result,
+    Scale,
+)
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
-from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclosure, setup_findings, setup_reports
+from stepdiag.solver.adjustment.diagnostics import (
+    closure_report,
+    scale_misclosure,
+    setup_findings,
+    setup_reports,
+)
 from stepdiag.solver.adjustment.slips import slips_report
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
@@ -57,7 +72,8 @@ from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate:
-    """An adjustment and the values, standard uncertainties and identifiability of all that is reported.
+    """An adjustment and the values, standard uncertainties and identifiability of all that is
+    reported.
 
     ``u`` is combined, ``u_readings`` what the readings' noise alone makes of it.
     """
@@ -78,7 +94,9 @@ class Estimate:
         fit = self.adjustment.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
         direct = fit.rows.times(spread) * fit.weight[:, None]
-        through = fit.causes.left @ (fit.amount_covariance @ self.spread.moved(self.quantities.combination).T)
+        through = fit.causes.left @ (
+            fit.amount_covariance @ self.spread.moved(self.quantities.combination).T
+        )
         matrix: Vector = (direct + through).T
         return matrix[:, : len(self.adjustment.layout)]
 
@@ -87,7 +105,9 @@ class Estimate:
         """Return the covariance of all quantities, shape (q, q)."""
         spread = self.adjustment.fit.inverse.solve(self.quantities.combination.dense().T)
         moved = self.spread.moved(self.quantities.combination)
-        matrix: Vector = self.quantities.combination.times(spread) + moved @ self.spread.amount @ moved.T
+        matrix: Vector = (
+            self.quantities.combination.times(spread) + moved @ self.spread.amount @ moved.T
+        )
         return matrix
 
     def number(self, name: str) -> tuple[float, float, float] | None:
@@ -95,10 +115,15 @@ class Estimate:
         if not identified.
         """
         row = self.quantities.of(name)[0]
-        return (float(self.value[row]), float(self.u[row]), float(self.u_readings[row])) if self.known[name] else None
+        return (
+            (float(self.value[row]), float(self.u[row]), float(self.u_readings[row]))
+            if self.known[name]
+            else None
+        )
 
     def curve(self, name: str, nodes: int) -> tuple[Vector, Vector, Vector] | None:
-        """Return value and standard uncertainties of a function at nodes 0 .. n, zero where it is zero by definition."""
+        """Return value and standard uncertainties of a function at nodes 0 .. n, zero where it is
+        zero by definition."""
         if not self.known[name]:
             return None
         rows = self.quantities.of(name)
@@ -116,7 +141,8 @@ def estimate(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Estimate:
-    """Adjust a survey and evaluate everything that can be reported. Raises as `solver.adjustment.adjustment.adjust`."""
+    """Adjust a survey and evaluate everything that can be reported. Raises as
+    `solver.adjustment.adjustment.adjust`."""
     adjustment = adjust(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
     found = reported(adjustment.design)
     inverse = adjustment.fit.inverse
@@ -129,7 +155,8 @@ def estimate(
         value=found.combination.times(adjustment.fit.unknowns),
         u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
-        # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
+        # of a single increment a function has only its ends: the shape between them is zero, and no
+        # combination stands for it
         known={
             **dict.fromkeys(DISPLACEMENTS, True),
             **identified(found, inverse, usual_sizes_of(adjustment.assumed)),
@@ -154,7 +181,8 @@ def solve_estimate(
     assumed: Assumptions | None = None,
     trials: int = 0,
 ) -> Result:
-    """Return the result of the estimator; what the readings do not identify is None and named in a finding with its remedy.
+    """Return the result of the estimator; what the readings do not identify is None and named in a
+    finding with its remedy.
 
     With ``trials`` the result holds the scatter of so many drawn surveys beside its ``u`` (JCGM
     101).
@@ -183,14 +211,21 @@ def solve_estimate(
         chain=chain,
         method="estimate",
         errors={**errors, **{name: expected[name] for name in resolved}},
-        expected={name: function for name, function in expected.items() if name not in resolved and layout.volume.solid},
+        expected={
+            name: function
+            for name, function in expected.items()
+            if name not in resolved and layout.volume.solid
+        },
         reversal=_reversal(done),
         squareness={name: _quantity(done.number(name)) for name in SQUARENESS},
         scale={letter: _scale(done.number(letter)) for letter in AXIS_LETTERS},
         setups=reports,
         findings=(*findings, *coarse_findings(errors), *head_findings(of_head)),
     )
-    texts: dict[str, Words] = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
+    texts: dict[str, Words] = {
+        "readings": _noise_text(found),
+        **{effect.name: effect.text for effect in found.effects},
+    }
     shares: dict[str, float] = {}
     if layout.volume.solid:
         result, shares = _over_the_volume(result, done, resolved)
@@ -198,17 +233,25 @@ def solve_estimate(
         _with_fit(result, done),
         findings=(*result.findings, *coverage_findings(factors)),
         assumed=found.assumed.stated(),
-        lengths=lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
+        lengths=lengths_report(
+            result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))
+        ),
         tool=tool_report(errors, expected, found.assumed) if layout.volume.solid else None,
         head_straightness=of_head or None,
-        budget=budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts, shares),
+        budget=budget(
+            done.spread, done.quantities, done.known, done.u, done.u_readings, texts, shares
+        ),
         coverage=factors or None,
         standards=standards_report(layout, found.assumed),
-        monte_carlo=drawn_surveys(done.spread, done.quantities, done.known, done.u, trials) if trials else None,
+        monte_carlo=drawn_surveys(done.spread, done.quantities, done.known, done.u, trials)
+        if trials
+        else None,
     )
 
 
-def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) -> tuple[Result, dict[str, float]]:
+def _over_the_volume(
+    result: Result, done: Estimate, resolved: Sequence[str]
+) -> tuple[Result, dict[str, float]]:
     """Return the result with its statements about the whole volume, the machine's posterior, its
     predictions, the remaining effect of the angles, and the effect of each source on the volume.
     """
@@ -225,7 +268,8 @@ def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) ->
 
 
 def _barely_seen(done: Estimate) -> Spread:
-    """Return the covariances with what is usual for what the readings determine less well than that."""
+    """Return the covariances with what is usual for what the readings determine less well than
+    that."""
     determined = identified(done.quantities, done.adjustment.fit.inverse, {})
     kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}
     return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
@@ -236,7 +280,11 @@ def _noise_text(found: Adjustment) -> Message:
 
 
 def _quantity(number: tuple[float, float, float] | None) -> Quantity:
-    return Quantity(value=None, u=None) if number is None else Quantity(value=number[0], u=number[1], u_readings=number[2])
+    return (
+        Quantity(value=None, u=None)
+        if number is None
+        else Quantity(value=number[0], u=number[1], u_readings=number[2])
+    )
 
 
 def _scale(number: tuple[float, float, float] | None) -> Scale:
@@ -247,8 +295,14 @@ def _scale(number: tuple[float, float, float] | None) -> Scale:
 
 def _errors(done: Estimate) -> dict[str, Function]:
     """Return the nine displacement functions and the angular functions that are known."""
-    errors = {name: _positioning(done, name) if name in POSITIONING else _function(done, name, None) for name in DISPLACEMENTS}
-    return {**errors, **{name: _known_angle(done, name) for name in ROTATIONS if name in done.adjustment.angles}}
+    errors = {
+        name: _positioning(done, name) if name in POSITIONING else _function(done, name, None)
+        for name in DISPLACEMENTS
+    }
+    return {
+        **errors,
+        **{name: _known_angle(done, name) for name in ROTATIONS if name in done.adjustment.angles},
+    }
 
 
 def _positioning(done: Estimate, name: str) -> Function:
@@ -259,7 +313,8 @@ def _positioning(done: Estimate, name: str) -> Function:
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
-    """Return a function with its slope where that is identified, else its shape, else without values."""
+    """Return a function with its slope where that is identified, else its shape, else without
+    values."""
     volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
@@ -276,7 +331,10 @@ def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
 def _known_angle(done: Estimate, name: str) -> Function:
     """Return a given angular function, adjusted within its uncertainty if any."""
     volume = done.adjustment.layout.volume
-    value, stated = (np.concatenate([[0.0], column]) for column in angle_at_nodes(done.adjustment.angles[name], name, volume))
+    value, stated = (
+        np.concatenate([[0.0], column])
+        for column in angle_at_nodes(done.adjustment.angles[name], name, volume)
+    )
     u: Vector | None = stated if np.all(np.isfinite(stated)) else None
     by_readings = u
     adjusted = done.curve(name, volume.increments) if u is not None else None
@@ -287,27 +345,36 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
-    """Return the reversal of every function that the readings determine: with its value at the low end where the data have it, else from
-    zero there (u is zero too). That reversal hardly changes along an axis is assumed, and makes no function determined.
+    """Return the reversal of every function that the readings determine: with its value at the low
+    end where the data have it, else from zero there (u is zero too). That reversal hardly changes
+    along an axis is assumed, and makes no function determined.
     """
     if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
     whole = {name: done.known.get(backlash(name), False) for name in DISPLACEMENTS}
     travelled = dict(zip(AXIS_LETTERS, done.adjustment.layout.volume.travelled, strict=True))
     seen = [name for name in DISPLACEMENTS if done.known[name] and travelled[name[2]]]
-    functions = {name: _function(done, backlash(name) if whole[name] else reversal(name), None) for name in seen}
+    functions = {
+        name: _function(done, backlash(name) if whole[name] else reversal(name), None)
+        for name in seen
+    }
     return {name: function for name, function in functions.items() if function.value is not None}
 
 
 def backlash_numbers(done: Estimate) -> Backlashes | None:
-    """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u: the number for a control's parameter."""
+    """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u:
+    the number for a control's parameter."""
     columns = done.adjustment.design.columns
     found: dict[str, Backlash] = {}
     for axis, letter in enumerate(AXIS_LETTERS):
         if not done.known.get(backlash(POSITIONING[axis]), False):
             continue
         at = np.append(columns.of(REVERSAL_PART, axis, axis), columns.play + 4 * axis)
-        mean = Rows(at[None, :], np.append(np.full(columns.nodes, 1.0 / (columns.nodes + 1)), 1.0)[None, :], columns.count)
+        mean = Rows(
+            at[None, :],
+            np.append(np.full(columns.nodes, 1.0 / (columns.nodes + 1)), 1.0)[None, :],
+            columns.count,
+        )
         alone = mean.times(done.adjustment.fit.inverse.solve(mean.dense().ravel())).item()
         u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean)).item()))
         found[letter] = Backlash(value=mean.times(done.adjustment.fit.unknowns).item(), u=u)
@@ -315,7 +382,8 @@ def backlash_numbers(done: Estimate) -> Backlashes | None:
 
 
 def _with_fit(result: Result, done: Estimate) -> Result:
-    """Return the result with what shows how the readings fit: fit, scale sum, backlash, unseen slips and closure residual."""
+    """Return the result with what shows how the readings fit: fit, scale sum, backlash, unseen
+    slips and closure residual."""
     found = done.adjustment
     solid = found.layout.volume.solid
     number = done.number(SCALE_SUM) if solid else None
@@ -332,14 +400,18 @@ def _with_fit(result: Result, done: Estimate) -> Result:
         result,
         fit=fit,
         scale_sum_um=None if number is None else Length(value=number[0], u=number[1]),
-        scale_misclosure_um=None if misclosed is None else Length(value=misclosed[0], u=misclosed[1]),
+        scale_misclosure_um=None
+        if misclosed is None
+        else Length(value=misclosed[0], u=misclosed[1]),
         backlash=backlash_numbers(done),
         unseen_slip=slips_report(found.as_usual(), found.layout, found.design) if solid else None,
         closure_um=closure_report(found.layout),
     )
 
 
-_UNIDENTIFIED: tuple[Literal["unidentified.scale", "unidentified.squareness", "unidentified.function"], ...] = (
+_UNIDENTIFIED: tuple[
+    Literal["unidentified.scale", "unidentified.squareness", "unidentified.function"], ...
+] = (
     "unidentified.scale",
     "unidentified.squareness",
     "unidentified.function",
@@ -352,7 +424,10 @@ def _missing(done: Estimate) -> list[Finding]:
     """
     if not done.adjustment.layout.volume.solid:
         return [_standing(done)]
-    lacking = [[name for name in names if not done.known[name]] for names in (AXIS_LETTERS, SQUARENESS, DISPLACEMENTS)]
+    lacking = [
+        [name for name in names if not done.known[name]]
+        for names in (AXIS_LETTERS, SQUARENESS, DISPLACEMENTS)
+    ]
     return [
         finding("warning", message(key, names=names, advice=_advice(done, names)))
         for key, names in zip(_UNIDENTIFIED, lacking, strict=True)
@@ -361,18 +436,28 @@ def _missing(done: Estimate) -> list[Finding]:
 
 
 def _standing(done: Estimate) -> Finding:
-    """Return the finding of a survey in which an axis did not travel: it measures axes, not a volume."""
+    """Return the finding of a survey in which an axis did not travel: it measures axes, not a
+    volume."""
     moved = done.adjustment.layout.volume.travelled
     standing = [letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels]
-    missing: list[str | Message] = [name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]]
-    missing += [message("scale-of", axis=letter) for letter in AXIS_LETTERS if not done.known[letter]]
+    missing: list[str | Message] = [
+        name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]
+    ]
+    missing += [
+        message("scale-of", axis=letter) for letter in AXIS_LETTERS if not done.known[letter]
+    ]
     return finding("info", message("unidentified.standing", axes=standing, names=missing))
 
 
 def _advice(done: Estimate, missing: list[str]) -> Message:
     found = done.adjustment
     parts = found.design.columns.parts
-    advice = cheapest_runs(found.layout, found.design.chain, Model(reversal=REVERSAL_PART in parts, play=found.layout.joined), missing)
+    advice = cheapest_runs(
+        found.layout,
+        found.design.chain,
+        Model(reversal=REVERSAL_PART in parts, play=found.layout.joined),
+        missing,
+    )
     if advice is None:
         return message("no-run-helps")
     if not advice.runs:

@@ -1,4 +1,5 @@
-"""A positioning function at every position where it was measured: at the nodes, and where a finer run of its axis alone passed."""
+"""A positioning function at every position where it was measured: at the nodes, and where a finer
+run of its axis alone passed."""
 
 from dataclasses import replace
 
@@ -18,12 +19,25 @@ program with a single decimal, would give a slope of noise alone.
 """
 
 
-def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: str, function: Function, name: str) -> Function:
-    """Return a function of the result with its values off the nodes, unchanged where there are none.
+def finer(
+    found: Adjustment,
+    spread: Spread,
+    quantities: Quantities,
+    stands_as: str,
+    function: Function,
+    name: str,
+) -> Function:
+    """Return a function of the result with its values off the nodes, unchanged where there are
+    none.
 
     ``stands_as`` is the name of its values at the nodes among the quantities.
     """
-    if name not in found.between.names or function.value is None or function.u is None or function.u_readings is None:
+    if (
+        name not in found.between.names
+        or function.value is None
+        or function.u is None
+        or function.u_readings is None
+    ):
         return function
     off = found.between.of(name)
     volume, axis = found.layout.volume, POSITIONING.index(name)
@@ -38,7 +52,9 @@ def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: 
     own = found.between.causes_of(name)
     on_causes[:, first + own.start : first + own.stop] = basis
     moved = spread.moved(rows, on_causes)
-    alone = np.maximum(np.sum(rows.dense() * found.fit.inverse.solve(rows.dense().T).T, axis=1), 0.0)
+    alone = np.maximum(
+        np.sum(rows.dense() * found.fit.inverse.solve(rows.dense().T).T, axis=1), 0.0
+    )
     by_readings = spread.variance_by_readings(moved)
     order = np.argsort(np.concatenate([function.position_mm, position_mm]), kind="stable")
 
@@ -54,7 +70,9 @@ def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: 
     )
 
 
-def _between_rows(found: Adjustment, quantities: Quantities, stands_as: str, position_mm: Vector, axis: int) -> Rows:
+def _between_rows(
+    found: Adjustment, quantities: Quantities, stands_as: str, position_mm: Vector, axis: int
+) -> Rows:
     """Return the straight line between the nodes at positions, as combinations of the unknowns."""
     volume, mine = found.layout.volume, quantities.of(stands_as)
     at_nodes = quantities.combination.select(mine)

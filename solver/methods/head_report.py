@@ -39,8 +39,9 @@ among a head's values. So 6 of 180 exact surveys were contradictions (12 with 0.
 no smaller than `BENT`; of 0.95 wrong signs begin to hide.
 """
 BENT = 2.0 / 8.0
-"""In the middle between two nodes a function leaves the straight line by so much of its second differences at the nodes: by an eighth where
-it is smooth, by twice that where its waves are two increments long."""
+"""In the middle between two nodes a function leaves the straight line by so much of its second
+differences at the nodes: by an eighth where it is smooth, by twice that where its waves are two
+increments long."""
 
 
 class Adjusted(Protocol):
@@ -56,7 +57,8 @@ Done = TypeVar("Done", bound=Adjusted)
 
 
 def agreeing(
-    estimated: Callable[[Sequence[MeasuredStraightness]], Done], measured: Sequence[MeasuredStraightness]
+    estimated: Callable[[Sequence[MeasuredStraightness]], Done],
+    measured: Sequence[MeasuredStraightness],
 ) -> tuple[Done, dict[str, HeadStraightness]]:
     """Return the estimate from the head's functions that the readings do not contradict, and the
     report on all of them.
@@ -69,7 +71,9 @@ def agreeing(
     while kept:
         done = estimated(kept)
         report = head_report(done.adjustment, kept, sizes)
-        worst = max(_contradicting(report), key=lambda name: report[name].misclosure or 0.0, default=None)
+        worst = max(
+            _contradicting(report), key=lambda name: report[name].misclosure or 0.0, default=None
+        )
         if worst is None:
             return done, {**report, **apart}
         apart[worst] = report[worst]
@@ -81,19 +85,31 @@ def sizes_of(alone: Adjusted) -> dict[str, float]:
     """Return the sizes of angular functions and of the waves between the nodes relative to the
     usual, by the name of the effect, by the readings alone; one at least.
 
-    The head's values are held against the diagonals with these: eight micrometres by which it is wrong would else be taken for 80 urad, or
-    for what a function does between the nodes.
+    The head's values are held against the diagonals with these: eight micrometres by which it is
+    wrong would else be taken for 80 urad, or for what a function does between the nodes.
     """
     effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
-    turning = {effect.name: max(1.0, float(factor)) for effect, factor in effects if effect.name in TURNING}
+    turning = {
+        effect.name: max(1.0, float(factor)) for effect, factor in effects if effect.name in TURNING
+    }
     increments = alone.adjustment.layout.volume.increments
     curves = [alone.curve(name, increments) for name in DISPLACEMENTS if name not in POSITIONING]
-    bends = np.concatenate([np.zeros(1), *(np.diff(curve[0], n=2) for curve in curves if curve is not None)])
-    return {**turning, BETWEEN: max(1.0, BENT * float(np.sqrt(np.sum(bends**2) / max(len(bends) - 1, 1))) / USUAL_UM)}
+    bends = np.concatenate(
+        [np.zeros(1), *(np.diff(curve[0], n=2) for curve in curves if curve is not None)]
+    )
+    return {
+        **turning,
+        BETWEEN: max(
+            1.0, BENT * float(np.sqrt(np.sum(bends**2) / max(len(bends) - 1, 1))) / USUAL_UM
+        ),
+    }
 
 
 def beside_head(
-    errors: Mapping[str, Function], report: Mapping[str, HeadStraightness], measured: Sequence[MeasuredStraightness], found: Adjustment
+    errors: Mapping[str, Function],
+    report: Mapping[str, HeadStraightness],
+    measured: Sequence[MeasuredStraightness],
+    found: Adjustment,
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
     """Return functions and report; in a contradiction of head and diagonals the report has the
     difference, and U reaches over it.
@@ -106,7 +122,13 @@ def beside_head(
         at, of_head = _mean(
             np.concatenate([one.position_mm for one in mine]),
             np.concatenate(
-                [residuals_um(one.position_mm, one.value_um - of_known_angles(found.design, one, found.angles)) for one in mine]
+                [
+                    residuals_um(
+                        one.position_mm,
+                        one.value_um - of_known_angles(found.design, one, found.angles),
+                    )
+                    for one in mine
+                ]
             ),
         )
         there = np.interp(at, function.position_mm, function.value)
@@ -119,10 +141,16 @@ def beside_head(
 
 
 def _contradicting(report: Mapping[str, HeadStraightness]) -> list[str]:
-    return [name for name, facts in report.items() if facts.misclosure is not None and facts.misclosure > 1.0]
+    return [
+        name
+        for name, facts in report.items()
+        if facts.misclosure is not None and facts.misclosure > 1.0
+    ]
 
 
-def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]) -> dict[str, HeadStraightness]:
+def head_report(
+    found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]
+) -> dict[str, HeadStraightness]:
     """Return for each function of the head: passes, straightness by each line, its uncertainty, and
     its fit to the readings.
 
@@ -135,7 +163,9 @@ def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], siz
     rows = _rows(found, measured)
     checked = _checked(found, sizes, rows)
     return {
-        name: _of_function([one for one in measured if one.name == name], mine, checked.alone[name], found, checked)
+        name: _of_function(
+            [one for one in measured if one.name == name], mine, checked.alone[name], found, checked
+        )
         for name, mine in rows.items()
     }
 
@@ -152,29 +182,44 @@ class _Checked:
     as_usual: Vector
 
 
-def _checked(found: Adjustment, sizes: Mapping[str, float], functions: Mapping[str, NDArray[np.bool_]]) -> _Checked:
+def _checked(
+    found: Adjustment, sizes: Mapping[str, float], functions: Mapping[str, NDArray[np.bool_]]
+) -> _Checked:
     """Return the usual fit, with angular functions of the given sizes.
 
     The waves between the nodes have the size shown among the rows of each of the head's functions:
     the size by all rows would be large enough for a wrong sign if head and diagonals have few
     positions in common.
     """
-    between = np.repeat([effect.name == BETWEEN for effect in found.effects], [effect.count for effect in found.effects])
+    between = np.repeat(
+        [effect.name == BETWEEN for effect in found.effects],
+        [effect.count for effect in found.effects],
+    )
     beside = bool(np.any(found.fit.causes.pattern[len(found.layout) :, between]))
     of_turning = {name: size for name, size in sizes.items() if name != BETWEEN}
     usual = _of_sizes(found, {**of_turning, BETWEEN: 1.0} if beside else of_turning)
     alone = {name: _with(usual, found, mine) for name, mine in functions.items()}
     if not beside:
         return _Checked(usual, alone, np.ones(len(between)))
-    size = max(sizes[BETWEEN], size_by_all([family_of(one, between, 0.0) for one in alone.values()], LIKELY))
+    size = max(
+        sizes[BETWEEN],
+        size_by_all([family_of(one, between, 0.0) for one in alone.values()], LIKELY),
+    )
     grown = np.where(between, size, 1.0)
-    return _Checked(sized(usual, grown), {name: sized(one, grown) for name, one in alone.items()}, 1.0 / grown)
+    return _Checked(
+        sized(usual, grown), {name: sized(one, grown) for name, one in alone.items()}, 1.0 / grown
+    )
 
 
 def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
     """Return the fit as usual, but for effects of the sizes given."""
-    factor = [sizes.get(effect.name, size) / size for effect, size in zip(found.effects, found.sizes.factor, strict=True)]
-    return sized(found.as_usual(*sizes), np.repeat(factor, [effect.count for effect in found.effects]))
+    factor = [
+        sizes.get(effect.name, size) / size
+        for effect, size in zip(found.effects, found.sizes.factor, strict=True)
+    ]
+    return sized(
+        found.as_usual(*sizes), np.repeat(factor, [effect.count for effect in found.effects])
+    )
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
@@ -184,15 +229,21 @@ def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | N
     In a common sum, passes that agree with each other would hide their difference from the others.
     """
     among = _over_chance(alone.chi_square, alone.freedom)
-    return max((one for one in (_apart(whole, others, alone), among) if one is not None), default=None)
+    return max(
+        (one for one in (_apart(whole, others, alone), among) if one is not None), default=None
+    )
 
 
 def _apart(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    return _over_chance(whole.chi_square - others.chi_square - alone.chi_square, whole.freedom - others.freedom - alone.freedom)
+    return _over_chance(
+        whole.chi_square - others.chi_square - alone.chi_square,
+        whole.freedom - others.freedom - alone.freedom,
+    )
 
 
 def _chi_square_limit(freedom: int) -> float:
-    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, good to a per cent from 3 degrees of freedom)."""
+    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, good to a per
+    cent from 3 degrees of freedom)."""
     spread = 2.0 / (9.0 * freedom)
     return float(freedom * (1.0 - spread + NORMAL_999 * np.sqrt(spread)) ** 3)
 
@@ -201,15 +252,20 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
     return chi_square / _chi_square_limit(freedom) if freedom >= LEAST_CHECKED else None
 
 
-def _sign_hidden(checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit) -> bool:
-    """Return whether neither sign of the head's values contradicts the others, and only because of what may be between the nodes."""
+def _sign_hidden(
+    checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit
+) -> bool:
+    """Return whether neither sign of the head's values contradicts the others, and only because of
+    what may be between the nodes."""
     if np.all(checked.as_usual == 1.0):
         return False
     signs = checked.fit, _turned_over(checked.fit, rows)
     if max(_apart(whole, others, alone) or 0.0 for whole in signs) > 1.0:
         return False
     others, alone = (sized(one, checked.as_usual) for one in (others, alone))
-    return max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs) > 1.0
+    return (
+        max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs) > 1.0
+    )
 
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
@@ -227,15 +283,22 @@ def _with(whole: MixedFit, found: Adjustment, kept: NDArray[np.bool_]) -> MixedF
     return MixedFit(some, Causes.of(some, whole.causes.pattern), whole.size)
 
 
-def _rows(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> dict[str, NDArray[np.bool_]]:
-    """Return for each function which rows of the fit are its: the head's passes follow the readings."""
+def _rows(
+    found: Adjustment, measured: Sequence[MeasuredStraightness]
+) -> dict[str, NDArray[np.bool_]]:
+    """Return for each function which rows of the fit are its: the head's passes follow the
+    readings."""
     name = np.array([one.name for one in measured for _ in one.position_mm])
     before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
     return {one.name: np.pad(name == one.name, (before, after)) for one in measured}
 
 
 def _of_function(
-    passes: Sequence[MeasuredStraightness], rows: NDArray[np.bool_], alone: MixedFit, found: Adjustment, checked: _Checked
+    passes: Sequence[MeasuredStraightness],
+    rows: NDArray[np.bool_],
+    alone: MixedFit,
+    found: Adjustment,
+    checked: _Checked,
 ) -> HeadStraightness:
     position = np.concatenate([one.position_mm for one in passes])
     value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one in passes])
@@ -246,7 +309,9 @@ def _of_function(
         end_point_um=straightness_um(at, mean, "end-point"),
         least_squares_um=straightness_um(at, mean, "least-squares"),
         minimum_zone_um=straightness_um(at, mean, "minimum-zone"),
-        u_um=float(np.sqrt(np.mean(np.concatenate([one.u_um for one in passes]) ** 2) / len(passes))),
+        u_um=float(
+            np.sqrt(np.mean(np.concatenate([one.u_um for one in passes]) ** 2) / len(passes))
+        ),
         residual_um=float(np.sqrt(np.mean(checked.fit.residual[rows] ** 2))),
         misclosure=_misclosure(checked.fit, others, alone),
         sign_hidden=_sign_hidden(checked, rows, others, alone),
@@ -273,7 +338,9 @@ def _misclosed(report: Mapping[str, HeadStraightness], bad: Sequence[str]) -> Fi
     if apart is None:
         return finding("error", message("straightness-misclosure", names=bad))
     apart_um = float(np.max(np.abs(apart.value)))
-    return finding("error", message("straightness-misclosure.by", names=bad, apart_um=apart_um, name=worst))
+    return finding(
+        "error", message("straightness-misclosure.by", names=bad, apart_um=apart_um, name=worst)
+    )
 
 
 def _unchecked(hidden: Sequence[str]) -> Finding:

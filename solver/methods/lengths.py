@@ -33,7 +33,9 @@ REACH_MM = 100.0
 """Distance from mirror to tool for which the effect of the angles is reported."""
 
 
-def at_their_temperature(readings: Readings, assumed: Assumptions | None, source: str) -> Assumptions:
+def at_their_temperature(
+    readings: Readings, assumed: Assumptions | None, source: str
+) -> Assumptions:
     """Return the assumptions with the temperature of the readings: whether they stand at 20 C, and
     the material's temperature.
 
@@ -45,7 +47,10 @@ def at_their_temperature(readings: Readings, assumed: Assumptions | None, source
     reduced = bool(len(readings) and readings.at_20_c.all())
     if readings.at_20_c.any() and not readings.at_20_c.all():
         row = int(np.argmin(readings.at_20_c))
-        place = f"{source}: setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]}"
+        place = (
+            f"{source}: setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop "
+            f"{readings.stop[row]}"
+        )
         raise DataError(place, expected=message("at-20"), found="0", remedy=message("all-or-none"))
     known = readings.temperature_c[np.isfinite(readings.temperature_c)]
     if len(known):
@@ -68,21 +73,56 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
         return ()
     count = len(temperature_c)
     if assumed.reduced_to_20_c and assumed.material_stated:
-        return (finding("warning", message("material-unmeasured.stated", count=missing, readings=count, u_c=assumed.u_material_c)),)
+        return (
+            finding(
+                "warning",
+                message(
+                    "material-unmeasured.stated",
+                    count=missing,
+                    readings=count,
+                    u_c=assumed.u_material_c,
+                ),
+            ),
+        )
     if assumed.reduced_to_20_c:
-        return (finding("warning", message("material-unmeasured.assumed", count=missing, readings=count, u_c=assumed.u_material_c)),)
-    return (finding("info", message("material-unmeasured", count=missing, readings=count, expansions=expansions(assumed))),)
+        return (
+            finding(
+                "warning",
+                message(
+                    "material-unmeasured.assumed",
+                    count=missing,
+                    readings=count,
+                    u_c=assumed.u_material_c,
+                ),
+            ),
+        )
+    return (
+        finding(
+            "info",
+            message(
+                "material-unmeasured", count=missing, readings=count, expansions=expansions(assumed)
+            ),
+        ),
+    )
 
 
-def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> LengthsReport:
-    """Return which lengths the tables correct, and the scales as measured and at 20 C with their combined u.
+def lengths_report(
+    scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool
+) -> LengthsReport:
+    """Return which lengths the tables correct, and the scales as measured and at 20 C with their
+    combined u.
 
     ``known``: the material's temperature was measured; without it the other scale is None.
     """
     here, other = (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
     both: dict[str, dict[Axis, LengthScale]] = {
-        here: {axis: LengthScale(value=scales[axis].value, u=scales[axis].u) for axis in get_args(Axis)},
-        other: {axis: _elsewhere(scales[axis], place, assumed, known=known) for place, axis in enumerate(get_args(Axis))},
+        here: {
+            axis: LengthScale(value=scales[axis].value, u=scales[axis].u) for axis in get_args(Axis)
+        },
+        other: {
+            axis: _elsewhere(scales[axis], place, assumed, known=known)
+            for place, axis in enumerate(get_args(Axis))
+        },
     }
     return LengthsReport(
         tables=here,
@@ -94,19 +134,30 @@ def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: 
 
 
 def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> LengthScale:
-    """Return a scale at the other temperature (um/m) and its u: a warm scale is long, and reads as a machine that moves too far."""
+    """Return a scale at the other temperature (um/m) and its u: a warm scale is long, and reads as
+    a machine that moves too far."""
     if scale.value is None or scale.u is None or not known:
         return LengthScale(value=None, u=None)
-    excess, coefficient = assumed.material_c[axis] - REFERENCE_TEMPERATURE_C, assumed.expansion_um_m_c[axis]
+    excess, coefficient = (
+        assumed.material_c[axis] - REFERENCE_TEMPERATURE_C,
+        assumed.expansion_um_m_c[axis],
+    )
     material = float(assumed.u_grown_um_m()[axis])
     if not assumed.reduced_to_20_c:
-        return LengthScale(value=scale.value - coefficient * excess, u=float(np.hypot(scale.u, material)))
+        return LengthScale(
+            value=scale.value - coefficient * excess, u=float(np.hypot(scale.u, material))
+        )
     # what the way to 20 C brought in goes out again on the way back; the readings' own part stays
     least = scale.u_readings or 0.0
-    return LengthScale(value=scale.value + coefficient * excess, u=float(np.sqrt(max(scale.u**2 - material**2, least**2))))
+    return LengthScale(
+        value=scale.value + coefficient * excess,
+        u=float(np.sqrt(max(scale.u**2 - material**2, least**2))),
+    )
 
 
-def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions) -> Tool:
+def tool_report(
+    errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions
+) -> Tool:
     """Return the place of the errors, and the effect of angles on a tool tip elsewhere, in um per
     `REACH_MM` (k = 2).
 
@@ -120,5 +171,14 @@ def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function]
         if function is None or function.value is None:
             reach.append(2.0 * assumed.angle_range_urad(name))
         else:
-            reach.append(float(np.max(np.abs(function.value) + (0.0 if function.u is None else 2.0 * function.u))))
-    return Tool(offset_mm=(0.0, 0.0, 0.0), up_to_um_per_100_mm=1e-3 * REACH_MM * float(np.linalg.norm(reach)))
+            reach.append(
+                float(
+                    np.max(
+                        np.abs(function.value) + (0.0 if function.u is None else 2.0 * function.u)
+                    )
+                )
+            )
+    return Tool(
+        offset_mm=(0.0, 0.0, 0.0),
+        up_to_um_per_100_mm=1e-3 * REACH_MM * float(np.linalg.norm(reach)),
+    )

@@ -46,7 +46,9 @@ def _without_angles(name: str, solve: Callable[[Layout, str], Result]) -> Method
     def method(layout: Layout, options: Options) -> Result:
         if options.angles or options.straightness or options.trials:
             expected = message("use-estimate-with-angles")
-            raise UsageError("method", expected=expected, found=repr(name), remedy=message("leave-out"))
+            raise UsageError(
+                "method", expected=expected, found=repr(name), remedy=message("leave-out")
+            )
         return solve(layout, options.chain)
 
     return method
@@ -67,5 +69,10 @@ def method_of(name: str) -> Method:
     if name not in METHODS:
         near = difflib.get_close_matches(name, METHODS)
         remedy = message("did-you-mean", name=repr(near[0])) if near else ""
-        raise UsageError("method", expected=message("one-of", names=list(METHODS)), found=repr(name), remedy=remedy)
+        raise UsageError(
+            "method",
+            expected=message("one-of", names=list(METHODS)),
+            found=repr(name),
+            remedy=remedy,
+        )
     return METHODS[name]

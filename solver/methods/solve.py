@@ -26,14 +26,22 @@ def solve(
 ) -> Result:
     """Return the machine's state by the readings of a survey.
 
-    ``chain`` is ``FXYZ`` .. ``XYZF`` or the ISO form ``[w X' b Y Z t]``. ``angles`` are angular functions known from elsewhere;
-    the others are resolved where the beams allow it, else estimated within what is usual. ``straightness`` is what a 4-DOF head
-    measured, ``assumed`` what the user takes for granted about machine and hall. ``source`` names the readings in messages.
-    ``monte_carlo`` surveys are drawn beside the law of propagation (JCGM 101); 0: none.
-    Raises ``UsageError`` for a wrong chain or method, ``DataError`` where the readings are no survey or the method needs others.
+    ``chain`` is ``FXYZ`` .. ``XYZF`` or the ISO form ``[w X' b Y Z t]``. ``angles`` are angular
+    functions known from elsewhere; the others are resolved where the beams allow it, else estimated
+    within what is usual. ``straightness`` is what a 4-DOF head measured, ``assumed`` what the user
+    takes for granted about machine and hall. ``source`` names the readings in messages.
+    ``monte_carlo`` surveys are drawn beside the law of propagation (JCGM 101); 0: none. Raises
+    ``UsageError`` for a wrong chain or method, ``DataError`` where the readings are no survey or
+    the method needs others.
     """
     parse_chain(chain)
     chosen = method_of(method)
     settled = at_their_temperature(readings, assumed, source)
-    options = Options(chain=chain, angles=angles, straightness=tuple(straightness), assumed=settled, trials=monte_carlo)
+    options = Options(
+        chain=chain,
+        angles=angles,
+        straightness=tuple(straightness),
+        assumed=settled,
+        trials=monte_carlo,
+    )
     return chosen(lay_out(readings, source), options)

@@ -34,7 +34,10 @@ from stepdiag.solver.standards.iso230_uncertainty import SOURCE_STATUS, RunSourc
 
 STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
 """Stops from a point of the diagonal to the next, for the kinds of setup along a body diagonal."""
-DIAGONAL_STANDARD: dict[Kind, str] = {"body": "ISO 230-6:2002", "step": "as ISO 230-6:2002, on step diagonals (axes one after the other)"}
+DIAGONAL_STANDARD: dict[Kind, str] = {
+    "body": "ISO 230-6:2002",
+    "step": "as ISO 230-6:2002, on step diagonals (axes one after the other)",
+}
 DIAGONAL_ENTRY: dict[Kind, str] = {"body": "diagonals", "step": "step-diagonals"}
 
 
@@ -58,13 +61,16 @@ def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]])
 def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
     """Return targets by runs of every run along an axis."""
     found = {
-        setup.name: _runs(layout, index, 1) for index, setup in enumerate(layout.setups) if setup.kind == "linear" and setup.shift == 0
+        setup.name: _runs(layout, index, 1)
+        for index, setup in enumerate(layout.setups)
+        if setup.kind == "linear" and setup.shift == 0
     }
     return {name: runs for name, runs in found.items() if runs is not None}
 
 
 def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
-    """Return the figures along the four diagonals of a kind (body, step), None where fewer were driven.
+    """Return the figures along the four diagonals of a kind (body, step), None where fewer were
+    driven.
 
     Only points on the diagonal count: there the mirror's lean has no first-order effect, it sums to
     zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; figures of step diagonals
@@ -82,17 +88,26 @@ def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, Se
     return replace(figures, standard=DIAGONAL_STANDARD[kind]), runs
 
 
-def standards_report(layout: Layout, assumed: Assumptions | None = None) -> dict[str, tuple[StandardFigures, ...]]:
-    """Return every figure, in um with ``U`` (k = 2): by setup, by standard, with how well the standard's text is known."""
+def standards_report(
+    layout: Layout, assumed: Assumptions | None = None
+) -> dict[str, tuple[StandardFigures, ...]]:
+    """Return every figure, in um with ``U`` (k = 2): by setup, by standard, with how well the
+    standard's text is known."""
     sources = assumed or Assumptions()
     report: dict[str, tuple[StandardFigures, ...]] = {}
     for name, found in linear_runs(layout).items():
-        report[name] = (*(_positioning(layout, found, sources, standard) for standard in COVERAGES), *_vdi(found))
+        report[name] = (
+            *(_positioning(layout, found, sources, standard) for standard in COVERAGES),
+            *_vdi(found),
+        )
     for kind in STEPS_A_CYCLE:
         along = diagonals(layout, kind)
         if along is not None:
             figures, runs = along
-            each = {name: replace(_positioning(layout, one, sources), standard=DIAGONAL_STANDARD[kind]) for name, one in runs.items()}
+            each = {
+                name: replace(_positioning(layout, one, sources), standard=DIAGONAL_STANDARD[kind])
+                for name, one in runs.items()
+            }
             report[DIAGONAL_ENTRY[kind]] = (StandardFigures(**_plain(figures), U=_largest_u(each)),)
             report |= {name: (one,) for name, one in each.items()}
     return report
@@ -116,7 +131,11 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
     # a turn without a second dwell was not approached from both sides
     rows = rows[~np.isin(way, way[np.any(layout.approach[rows] != _travel(layout, rows), axis=1)])]
     targets = len(np.unique(way_mm(layout, rows)))
-    whole = [mine for number in np.unique(layout.pass_index[rows]) if len(mine := rows[layout.pass_index[rows] == number]) == targets]
+    whole = [
+        mine
+        for number in np.unique(layout.pass_index[rows])
+        if len(mine := rows[layout.pass_index[rows] == number]) == targets
+    ]
     unbroken = [mine for mine in whole if not np.ptp(layout.zero_index[mine])]
     upward = [mine for mine in unbroken if _upward(layout, mine)]
     if not upward:
@@ -126,21 +145,30 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
     used = kept if joined else unbroken
     rows = np.concatenate(used)
     # odd passes are those along the direction of the setup: a run may start at either end
-    numbers = np.concatenate([np.full(targets, 2 * place + _upward(layout, mine)) for place, mine in enumerate(used)])
-    runs, findings = arrange_runs(way_mm(layout, rows), numbers, layout.deviation_um[rows], common_zero=joined)
+    numbers = np.concatenate(
+        [np.full(targets, 2 * place + _upward(layout, mine)) for place, mine in enumerate(used)]
+    )
+    runs, findings = arrange_runs(
+        way_mm(layout, rows), numbers, layout.deviation_um[rows], common_zero=joined
+    )
     return SetupRuns(setup=layout.setups[index].name, rows=rows, runs=runs, findings=findings)
 
 
 def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return the passes of that stretch of unbroken count which holds most runs of both directions."""
+    """Return the passes of that stretch of unbroken count which holds most runs of both
+    directions."""
     zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
-    longest = max(dict.fromkeys(zeros), key=lambda zero: (min(ways.count((zero, way)) for way in (True, False)), zeros.count(zero)))
+    longest = max(
+        dict.fromkeys(zeros),
+        key=lambda zero: (min(ways.count((zero, way)) for way in (True, False)), zeros.count(zero)),
+    )
     return [mine for mine, zero in zip(passes, zeros, strict=True) if zero == longest]
 
 
 def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
-    """Return the sign of every axis' travel in the pass of each row, as its last stop was approached, shape (rows, 3)."""
+    """Return the sign of every axis' travel in the pass of each row, as its last stop was
+    approached, shape (rows, 3)."""
     last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
     travel: Vector = layout.approach[[last[number] for number in layout.pass_index[rows].tolist()]]
     return travel
@@ -150,14 +178,20 @@ def _upward(layout: Layout, rows: NDArray[np.int64]) -> bool:
     return float(layout.approach[rows[0]] @ layout.direction[rows[0]]) > 0
 
 
-def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standard: str = "iso-230-2") -> StandardFigures:
+def _positioning(
+    layout: Layout, found: SetupRuns, assumed: Assumptions, standard: str = "iso-230-2"
+) -> StandardFigures:
     figures = positioning_figures(found.runs, standard)
     length_mm = float(np.ptp(found.runs.target_mm))
     up, down = found.runs.up_um, found.runs.down_um
     runs = up.shape[1], up.shape[1] if down is None else down.shape[1]
     u = expanded_um(figures.numbers(), length_mm, runs, len(up), _sources(layout, found, assumed))
-    lengths: Literal["as measured", "at 20 C"] = "at 20 C" if assumed.reduced_to_20_c else "as measured"
-    return StandardFigures(**_plain(figures), runs=up.shape[1], lengths=lengths, U=u, U_status=SOURCE_STATUS)
+    lengths: Literal["as measured", "at 20 C"] = (
+        "at 20 C" if assumed.reduced_to_20_c else "as measured"
+    )
+    return StandardFigures(
+        **_plain(figures), runs=up.shape[1], lengths=lengths, U=u, U_status=SOURCE_STATUS
+    )
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
@@ -169,7 +203,9 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
     cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)
     stated = layout.u_um[found.rows]
-    reading = float(np.sqrt(np.mean(np.where(np.isfinite(stated), stated, assumed.reading_um) ** 2)))
+    reading = float(
+        np.sqrt(np.mean(np.where(np.isfinite(stated), stated, assumed.reading_um) ** 2))
+    )
     return RunSources(
         relative=float(np.sqrt(assumed.index**2 + cosine**2 + np.sum((direction**2 * grown) ** 2))),
         reading_um=reading,
@@ -189,7 +225,11 @@ def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
     """Return for the machine's figures the U of the diagonals', the largest."""
     names = {"E_d": "E", "B_d": "B", "R_d": "R", "A_d": "A"}
     stated = [one.U or {} for one in each.values()]
-    return {name: max(u[of] for u in stated) for name, of in names.items() if all(of in u for u in stated)}
+    return {
+        name: max(u[of] for u in stated)
+        for name, of in names.items()
+        if all(of in u for u in stated)
+    }
 
 
 def _plain(figures: PositioningFigures | DiagonalFigures | VdiFigures) -> dict[str, Any]:

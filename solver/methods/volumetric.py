@@ -13,7 +13,15 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Words, message
 from stepdiag.base.result.field import PRODUCTS, error_field_um
 from stepdiag.base.result.interval import Predicted
-from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, Budget, Drawn, MonteCarlo
+from stepdiag.base.result.members import (
+    BETWEEN_TARGETS,
+    NOT_MEASURED,
+    READINGS,
+    VOLUME,
+    Budget,
+    Drawn,
+    MonteCarlo,
+)
 from stepdiag.base.result.posterior import Posterior
 from stepdiag.base.result.prediction import BETWEEN_SHARE, predicted_with_u
 from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function, Result
@@ -57,27 +65,42 @@ up, each factor as likely.
 """
 
 
-def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> Spread:
-    """Return the covariances with what is usual for what is not identified; the same where all of it is."""
+def with_the_usual(
+    found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
+) -> Spread:
+    """Return the covariances with what is usual for what is not identified; the same where all of
+    it is."""
     rows, u = usual_rows(quantities, known, found.assumed)
-    return replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
+    return (
+        replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
+    )
 
 
 def make_posterior(
-    found: Adjustment, spread: Spread, wider: Spread, quantities: Quantities, known: Mapping[str, bool], errors: Mapping[str, Function]
+    found: Adjustment,
+    spread: Spread,
+    wider: Spread,
+    quantities: Quantities,
+    known: Mapping[str, bool],
+    errors: Mapping[str, Function],
 ) -> Posterior:
-    """Return how the machine may differ from what is reported; what is not identified counts with what is usual.
+    """Return how the machine may differ from what is reported; what is not identified counts with
+    what is usual.
 
     ``wider`` are the covariances with them (`with_the_usual`), the basis of the machine's expected
     place.
     """
     machine, seen, unmeasured = _as_known(found, spread, quantities, known)
     offset = _offset(machine, wider, spread, errors, known)
-    posterior = posterior_of(spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
+    posterior = posterior_of(
+        spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured
+    )
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
-def _as_known(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> tuple[Machine, Machine, Vector]:
+def _as_known(
+    found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
+) -> tuple[Machine, Machine, Vector]:
     """Return the machine's values by the readings, and the covariance of the unseen parts
     (`separated`).
     """
@@ -90,37 +113,71 @@ def _as_known(found: Adjustment, spread: Spread, quantities: Quantities, known: 
 
 
 def volume_shares_um(
-    found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool], posterior: Posterior, u_um: float
+    found: Adjustment,
+    spread: Spread,
+    quantities: Quantities,
+    known: Mapping[str, bool],
+    posterior: Posterior,
+    u_um: float,
 ) -> dict[str, float]:
-    """Return the root mean square of the error vector over the volume by source (k = 1), of the same causes as the posterior.
+    """Return the root mean square of the error vector over the volume by source (k = 1), of the
+    same causes as the posterior.
 
-    ``u_um`` is what all make together. Of what was not measured only the usual is known, within a factor: it has what is left of ``u_um``.
+    ``u_um`` is what all make together. Of what was not measured only the usual is known, within a
+    factor: it has what is left of ``u_um``.
     """
     _, seen, unmeasured = _as_known(found, spread, quantities, known)
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
-    # the square sum of what this makes of the values is that of the error vector, mean over the points
+    # the square sum of what this makes of the values is that of the error vector, mean over the
+    # points
     over = np.sqrt(3.0 / fields.shape[1]) * np.linalg.qr(fields.T, mode="r")
     alone = over @ seen.combination.dense()
     moved = over @ spread.moved(seen.combination, seen.on_causes)
-    by_noise = float(np.sum(alone.T * spread.fit.inverse.solve(alone.T)) + np.sum(spread.variance_by_readings(moved)))
+    by_noise = float(
+        np.sum(alone.T * spread.fit.inverse.solve(alone.T))
+        + np.sum(spread.variance_by_readings(moved))
+    )
     shares = {READINGS: float(np.sqrt(max(by_noise, 0.0)))}
     shares |= {name: float(np.linalg.norm(each)) for name, each in spread.shares(moved).items()}
-    shares[BETWEEN_TARGETS] = float(np.sqrt(BETWEEN_SHARE * sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())))
+    shares[BETWEEN_TARGETS] = float(
+        np.sqrt(
+            BETWEEN_SHARE * sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
+        )
+    )
     if np.any(unmeasured):
-        shares[NOT_MEASURED] = float(np.sqrt(max(u_um**2 - sum(each**2 for each in shares.values()), 0.0)))
+        shares[NOT_MEASURED] = float(
+            np.sqrt(max(u_um**2 - sum(each**2 for each in shares.values()), 0.0))
+        )
     return shares
 
 
-def _offset(machine: Machine, wider: Spread, spread: Spread, errors: Mapping[str, Function], known: Mapping[str, bool]) -> Vector:
-    """Return where the machine is to be expected beside what is reported: nothing but what is not identified is left out there.
+def _offset(
+    machine: Machine,
+    wider: Spread,
+    spread: Spread,
+    errors: Mapping[str, Function],
+    known: Mapping[str, bool],
+) -> Vector:
+    """Return where the machine is to be expected beside what is reported: nothing but what is not
+    identified is left out there.
 
     Of a positioning function whose slope is not identified the rest is reported all the same.
     """
     expected = machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
-    tabled = [name not in PRODUCTS and known.get(name, True) and (name not in POSITIONING or known[name[-1]]) for name in machine.names]
+    tabled = [
+        name not in PRODUCTS
+        and known.get(name, True)
+        and (name not in POSITIONING or known[name[-1]])
+        for name in machine.names
+    ]
     whole = np.array(tabled)
     seen = whole & spread.fit.inverse.sees(machine.combination)
-    reported = np.array([_value_at(errors.get(name), node) for name, node in zip(machine.names, machine.node, strict=True)])
+    reported = np.array(
+        [
+            _value_at(errors.get(name), node)
+            for name, node in zip(machine.names, machine.node, strict=True)
+        ]
+    )
     found: Vector = np.where(seen, 0.0, expected - reported)
     return found
 
@@ -139,7 +196,10 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     of a function, the others may have them as well.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
-    likely, share = normal_points(len(factor)), _MOST_OF_SHOWN * (np.arange(len(factor)) + 0.5) / len(factor)
+    likely, share = (
+        normal_points(len(factor)),
+        _MOST_OF_SHOWN * (np.arange(len(factor)) + 0.5) / len(factor),
+    )
     for name in DISPLACEMENTS:
         function = errors[name]
         # values of an unmeasured function are drawn independently: they wave more than any smooth
@@ -148,9 +208,15 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
         if len(value) > 2:
             arch, within = arch_um(value, noise_um_of(function))
             if len(value) <= FEW_VALUES:
-                usual = assumed.shape_um * min(CURVED / (len(value) - 1) ** 3, 1.0) / np.sqrt(BETWEEN_SHARE)
+                usual = (
+                    assumed.shape_um
+                    * min(CURVED / (len(value) - 1) ** 3, 1.0)
+                    / np.sqrt(BETWEEN_SHARE)
+                )
                 arch, within = float(np.sqrt(OF_FEW[len(value)] * arch * usual)), SHORTEST
-        hidden = np.hypot(assumed.between_um * float(name in POSITIONING) * factor, shown[name] * share)
+        hidden = np.hypot(
+            assumed.between_um * float(name in POSITIONING) * factor, shown[name] * share
+        )
         found[name] = np.hypot(arch * np.exp(within * likely), np.roll(hidden, len(factor) // 2))
     return found
 
@@ -161,7 +227,9 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
     if names := coarse_functions(errors):
         found.append(message("increments-coarse", names=names))
     if hiding := hiding_functions(errors):
-        found.append(message("increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values())))
+        found.append(
+            message("increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values()))
+        )
     return [finding("warning", words) for words in found]
 
 
@@ -187,7 +255,13 @@ def budget(
     whole = {VOLUME: dict(volume)} if volume else {}
     return Budget(
         assumptions=dict(texts),
-        shares={**whole, **{name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()}},
+        shares={
+            **whole,
+            **{
+                name: {source: rms(values[rows]) for source, values in shares.items()}
+                for name, rows in groups.items()
+            },
+        },
         combined={
             **{name: float(np.linalg.norm(list(each.values()))) for name, each in whole.items()},
             **{name: rms(u[rows]) for name, rows in groups.items()},
@@ -199,19 +273,24 @@ def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArr
     return {name: quantities.of(name) for name in quantities.groups if known.get(name, True)}
 
 
-def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int) -> MonteCarlo:
-    """Return per function (rms over its nodes) or number the standard deviation of drawn surveys, beside the one stated, and the shortest
-    95 % interval of a number (JCGM 101)."""
+def drawn_surveys(
+    spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int
+) -> MonteCarlo:
+    """Return per function (rms over its nodes) or number the standard deviation of drawn surveys,
+    beside the one stated, and the shortest 95 % interval of a number (JCGM 101)."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report = {}
     for name, rows in _known(quantities, known).items():
-        low, high = (float(end[rows[0]]) if len(rows) == 1 else None for end in (drawn.low, drawn.high))
+        low, high = (
+            float(end[rows[0]]) if len(rows) == 1 else None for end in (drawn.low, drawn.high)
+        )
         report[name] = Drawn(u=rms(drawn.u[rows]), u_stated=rms(u[rows]), low=low, high=high)
     return MonteCarlo(trials=trials, quantities=report)
 
 
 def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, float]:
-    """Return what is to be expected as the machine stands and after an ideal compensation, and the volumetric uncertainty (rms, k = 1)."""
+    """Return what is to be expected as the machine stands and after an ideal compensation, and the
+    volumetric uncertainty (rms, k = 1)."""
     points = anywhere_mm(result.volume)
     return predicted_with_u(result, posterior, points, -error_field_um(result, points))
 
@@ -233,5 +312,10 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, found.first_cause("angles"), len(wider.group))
     fields = free_fields_um(machine, found.layout.volume, found.design.chain)
-    with_head, without = (over_volume(covariance(one, machine), fields)[0] for one in (quiet, wider))
-    return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0)))}
+    with_head, without = (
+        over_volume(covariance(one, machine), fields)[0] for one in (quiet, wider)
+    )
+    return {
+        "now": now_um,
+        "with_head": float(np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0))),
+    }

@@ -1,4 +1,5 @@
-"""Angular functions known from a 4-DOF head or a level: the angles file (contract 4) and its values at the nodes."""
+"""Angular functions known from a 4-DOF head or a level: the angles file (contract 4) and its values
+at the nodes."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +19,8 @@ ROTATION_COLUMNS = ("EA_urad", "EB_urad", "EC_urad")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownAngle:
-    """One angular function: positions ascending in mm, values in urad, standard uncertainties in urad (NaN where not stated)."""
+    """One angular function: positions ascending in mm, values in urad, standard uncertainties in
+    urad (NaN where not stated)."""
 
     position_mm: Vector
     value_urad: Vector
@@ -38,9 +40,11 @@ class _Row:
 
 
 def parse_angles(text: str, source: str = "angles.csv") -> Angles:
-    """Return the functions of an angles file (contract 4); an empty field is unknown, a column without any number is no function.
+    """Return the functions of an angles file (contract 4); an empty field is unknown, a column
+    without any number is no function.
 
-    Raises ``DataError`` that names the line for anything else, and for a function known at less than two positions.
+    Raises ``DataError`` that names the line for anything else, and for a function known at less
+    than two positions.
     """
     table = read_table(text, source, ("axis", "position_mm", *ROTATION_COLUMNS))
     rows = [_row(source, number, fields) for number, fields in table]
@@ -48,7 +52,8 @@ def parse_angles(text: str, source: str = "angles.csv") -> Angles:
     for index, name in enumerate(ROTATIONS):
         axis, component = divmod(index, 3)
         known = sorted(
-            (row for row in rows if row.axis == AXES[axis] and not math.isnan(row.urad[component])), key=lambda row: row.position_mm
+            (row for row in rows if row.axis == AXES[axis] and not math.isnan(row.urad[component])),
+            key=lambda row: row.position_mm,
         )
         if known:
             angles[name] = _function(f"{source}: {name}", known, component)
@@ -58,20 +63,32 @@ def parse_angles(text: str, source: str = "angles.csv") -> Angles:
 def _row(source: str, number: int, fields: dict[str, str]) -> _Row:
     axis = fields["axis"].lower()
     if axis not in AXES:
-        raise DataError(f"{source}: line {number}: axis", expected=message("x-y-z"), found=repr(fields["axis"]))
+        raise DataError(
+            f"{source}: line {number}: axis", expected=message("x-y-z"), found=repr(fields["axis"])
+        )
     where = f"{source}: line {number}"
     a, b, c = (number_in(fields, name, where, optional=True) for name in ROTATION_COLUMNS)
-    return _Row(axis, number_in(fields, "position_mm", where), (a, b, c), number_in(fields, "u_urad", where, optional=True, least=0.0))
+    return _Row(
+        axis,
+        number_in(fields, "position_mm", where),
+        (a, b, c),
+        number_in(fields, "u_urad", where, optional=True, least=0.0),
+    )
 
 
 def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
     position = np.array([row.position_mm for row in rows])
     if len(rows) < 2:
-        raise DataError(where, expected=message("two-positions"), found="one", remedy=message("leave-empty"))
+        raise DataError(
+            where, expected=message("two-positions"), found="one", remedy=message("leave-empty")
+        )
     if np.any(np.diff(position) <= 0):
         at = position[int(np.argmin(np.diff(position)))]
         raise DataError(
-            where, expected=message("position-once"), found=message("twice-mm", place_mm=at), remedy=message("average-repeated-runs")
+            where,
+            expected=message("position-once"),
+            found=message("twice-mm", place_mm=at),
+            remedy=message("average-repeated-runs"),
         )
     return KnownAngle(
         position_mm=position,
@@ -81,18 +98,32 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
 
 
 def render_angles(angles: Angles) -> str:
-    """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same functions: a row for each uncertainty."""
+    """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same
+    functions: a row for each uncertainty."""
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):
         mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]
         for position in sorted({float(at) for known in mine if known for at in known.position_mm}):
-            values = [_at(known.position_mm, known.value_urad, position) if known else math.nan for known in mine]
-            every_u = [_at(known.position_mm, known.u_urad, position) if known else math.nan for known in mine]
+            values = [
+                _at(known.position_mm, known.value_urad, position) if known else math.nan
+                for known in mine
+            ]
+            every_u = [
+                _at(known.position_mm, known.u_urad, position) if known else math.nan
+                for known in mine
+            ]
             texts = ["" if math.isnan(u) else f"{u:.6f}" for u in every_u]
-            for text in dict.fromkeys(text for text, value in zip(texts, values, strict=True) if not math.isnan(value)):
-                same = [value if text == own else math.nan for value, own in zip(values, texts, strict=True)]
+            for text in dict.fromkeys(
+                text for text, value in zip(texts, values, strict=True) if not math.isnan(value)
+            ):
+                same = [
+                    value if text == own else math.nan
+                    for value, own in zip(values, texts, strict=True)
+                ]
                 lines.append(
-                    f"{letter},{position:.6f}," + ",".join("" if math.isnan(value) else f"{value:.6f}" for value in same) + f",{text}"
+                    f"{letter},{position:.6f},"
+                    + ",".join("" if math.isnan(value) else f"{value:.6f}" for value in same)
+                    + f",{text}"
                 )
     return "\n".join(lines) + "\n"
 
@@ -103,9 +134,11 @@ def _at(position_mm: Vector, values: Vector, at_mm: float) -> float:
 
 
 def angle_at_nodes(known: KnownAngle, name: str, volume: Volume) -> tuple[Vector, Vector]:
-    """Return an angular function and its standard uncertainty at nodes 1 .. n of its axis, relative to node 0, shapes (n,), in urad.
+    """Return an angular function and its standard uncertainty at nodes 1 .. n of its axis, relative
+    to node 0, shapes (n,), in urad.
 
-    Linear between the positions given. Raises ``DataError`` where the file does not reach both ends of the volume.
+    Linear between the positions given. Raises ``DataError`` where the file does not reach both ends
+    of the volume.
     """
     nodes = volume.nodes_mm(AXES.index(name[2].lower()))
     low, high = known.position_mm[0], known.position_mm[-1]

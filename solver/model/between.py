@@ -1,8 +1,10 @@
-"""Readings off the nodes: what a function does there beside the straight line between its nodes, as unknowns of their own.
+"""Readings off the nodes: what a function does there beside the straight line between its nodes, as
+unknowns of their own.
 
-A linear run may be driven finer than the diagonals, diagonals with different increments, a 4-DOF head's run with more stops: what such a
-reading sees of a function is no noise. Within a cell the departure is a Brownian bridge (zero at both nodes, smooth in no other sense), its
-size found with the others.
+A linear run may be driven finer than the diagonals, diagonals with different increments, a 4-DOF
+head's run with more stops: what such a reading sees of a function is no noise. Within a cell the
+departure is a Brownian bridge (zero at both nodes, smooth in no other sense), its size found with
+the others.
 """
 
 from collections.abc import Sequence
@@ -28,7 +30,8 @@ BETWEEN = "between the nodes"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisBetween:
-    """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of what a function does there.
+    """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of what
+    a function does there.
 
     ``alone`` (positions,) marks the positions of a laser's run of this axis alone: there its
     positioning is measured, elsewhere only within a sum, or a head measured straightness.
@@ -41,7 +44,8 @@ class AxisBetween:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Between:
-    """By axis the positions off the nodes; ``names`` of the functions that readings see there, in the order of their causes."""
+    """By axis the positions off the nodes; ``names`` of the functions that readings see there, in
+    the order of their causes."""
 
     axes: tuple[AxisBetween, ...]
     names: tuple[str, ...]
@@ -63,7 +67,8 @@ class Between:
 
 
 def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) -> Between:
-    """Return what is to be found off the nodes, by readings or by a head's passes: nothing where all of them lie on the nodes."""
+    """Return what is to be found off the nodes, by readings or by a head's passes: nothing where
+    all of them lie on the nodes."""
     off = _off_nodes(layout)
     heads = [(one.name, one.position_mm[_head_off_nodes(layout, one)]) for one in measured]
     by_head = {name for name, at_mm in heads if len(at_mm)}
@@ -72,13 +77,20 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
     seen = [
         name
         for index, name in enumerate(DISPLACEMENTS)
-        if name in by_head or (np.any(np.abs(layout.direction[off[:, index // 3], index % 3]) > 1e-9) and axes[index // 3].basis.size)
+        if name in by_head
+        or (
+            np.any(np.abs(layout.direction[off[:, index // 3], index % 3]) > 1e-9)
+            and axes[index // 3].basis.size
+        )
     ]
     found = Between(axes=axes, names=tuple(seen))
     if found.count <= MOST_CAUSES:
         return found
     share = MOST_CAUSES / found.count
-    return Between(axes=tuple(_longest(axis, layout, number, share) for number, axis in enumerate(axes)), names=tuple(seen))
+    return Between(
+        axes=tuple(_longest(axis, layout, number, share) for number, axis in enumerate(axes)),
+        names=tuple(seen),
+    )
 
 
 def effect_between(layout: Layout, between: Between) -> Effect:
@@ -89,12 +101,16 @@ def effect_between(layout: Layout, between: Between) -> Effect:
         axis, component = divmod(DISPLACEMENTS.index(name), 3)
         rows = np.flatnonzero(off[:, axis])
         place = _places(between.of(name).position_mm, layout.position_mm[rows, axis])
-        pattern[rows, between.causes_of(name)] = layout.direction[rows, component, None] * between.of(name).basis[place]
+        pattern[rows, between.causes_of(name)] = (
+            layout.direction[rows, component, None] * between.of(name).basis[place]
+        )
     text = message("assumed-between")
     return Effect(name=BETWEEN, text=text, pattern_um=pattern, sought=True)
 
 
-def between_beside_head(layout: Layout, measured: Sequence[MeasuredStraightness], between: Between) -> Vector:
+def between_beside_head(
+    layout: Layout, measured: Sequence[MeasuredStraightness], between: Between
+) -> Vector:
     """Return the effect on the head's values, shape (rows, causes)."""
     pieces = [np.zeros((0, between.count))]
     for one in measured:
@@ -102,7 +118,9 @@ def between_beside_head(layout: Layout, measured: Sequence[MeasuredStraightness]
         effect = np.zeros((len(one.position_mm), between.count))
         if len(rows):
             of = between.of(one.name)
-            effect[rows, between.causes_of(one.name)] = of.basis[_places(of.position_mm, one.position_mm[rows])]
+            effect[rows, between.causes_of(one.name)] = of.basis[
+                _places(of.position_mm, one.position_mm[rows])
+            ]
         pieces.append(effect)
     return np.vstack(pieces)
 
@@ -128,7 +146,9 @@ def _head_off_nodes(layout: Layout, one: MeasuredStraightness) -> NDArray[np.boo
     return found
 
 
-def _positions(layout: Layout, axis: int, off: NDArray[np.bool_], of_head_mm: Sequence[Vector]) -> AxisBetween:
+def _positions(
+    layout: Layout, axis: int, off: NDArray[np.bool_], of_head_mm: Sequence[Vector]
+) -> AxisBetween:
     ordered = np.sort(np.concatenate([layout.position_mm[off[:, axis], axis], *of_head_mm]))
     positions = ordered[np.diff(ordered, prepend=-np.inf) > POSITION_TOLERANCE_MM]
     moved = np.abs(np.array([setup.signs for setup in layout.setups]))[layout.setup_index]
@@ -137,9 +157,15 @@ def _positions(layout: Layout, axis: int, off: NDArray[np.bool_], of_head_mm: Se
     return _axis(layout, axis, positions, alone, np.inf)
 
 
-def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float) -> AxisBetween:
+def _axis(
+    layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float
+) -> AxisBetween:
     """Return the bridges of the cells at positions, at most so many components in each."""
-    steps = (position_mm - layout.volume.origin_mm[axis]) / layout.volume.length_mm[axis] * layout.volume.increments
+    steps = (
+        (position_mm - layout.volume.origin_mm[axis])
+        / layout.volume.length_mm[axis]
+        * layout.volume.increments
+    )
     cell = np.floor(steps).astype(np.int64)
     pieces = []
     for number in np.unique(cell):
@@ -151,15 +177,27 @@ def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool
         piece = np.zeros((len(position_mm), len(kept)))
         piece[mine] = USUAL_UM * shape[:, kept] * np.sqrt(np.maximum(size[kept], 0.0))
         pieces.append(piece)
-    return AxisBetween(position_mm=position_mm, basis=np.hstack([np.zeros((len(position_mm), 0)), *pieces]), alone=alone)
+    return AxisBetween(
+        position_mm=position_mm,
+        basis=np.hstack([np.zeros((len(position_mm), 0)), *pieces]),
+        alone=alone,
+    )
 
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
     """Return the axis with a share of its components, one a cell at least."""
     volume = layout.volume
-    steps = (axis.position_mm - volume.origin_mm[number]) / volume.length_mm[number] * volume.increments
+    steps = (
+        (axis.position_mm - volume.origin_mm[number]) / volume.length_mm[number] * volume.increments
+    )
     cells = max(len(np.unique(np.floor(steps))), 1)
-    return _axis(layout, number, axis.position_mm, axis.alone, max(np.floor(share * axis.basis.shape[1] / cells), 1.0))
+    return _axis(
+        layout,
+        number,
+        axis.position_mm,
+        axis.alone,
+        max(np.floor(share * axis.basis.shape[1] / cells), 1.0),
+    )
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:

@@ -1,15 +1,21 @@
-"""The linear reading model: every reading as a sum over the machine's errors at the nodes and the nuisances of its setup.
+"""The linear reading model: every reading as a sum over the machine's errors at the nodes and the
+nuisances of its setup.
 
-    deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first order exact for a rigid body
-              + approach_a / 2 * d . (play_a + reversal_a(a))                     where out-and-back data separate the directions
-              + nu . (P - P_0) + offset of the count + drift * time               mirror tilt: theory 4.2
-              + d . sum_a miss_a(move that brought axis a there)                  how the machine repeats: solver.adjustment.scatter
+    deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first
+    order exact for a rigid body
+              + approach_a / 2 * d . (play_a + reversal_a(a))                     where out-and-back
+                data separate the directions
+              + nu . (P - P_0) + offset of the count + drift * time               mirror tilt:
+                theory 4.2
+              + d . sum_a miss_a(move that brought axis a there)                  how the machine
+                repeats: solver.adjustment.scatter
 
-``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the zero of the laser's count:
-otherwise the offset of each pass takes it.
+``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the
+zero of the laser's count: otherwise the offset of each pass takes it.
 
-Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node of each axis, linear
-between nodes. Rigid rotations are left free here: what the readings do not see is found by `solver.linear.least_squares`, not assumed.
+Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node
+of each axis, linear between nodes. Rigid rotations are left free here: what the readings do not see
+is found by `solver.linear.least_squares`, not assumed.
 """
 
 from collections.abc import Sequence
@@ -76,7 +82,9 @@ class Columns:
     def of(self, part: int, axis: int, component: int) -> NDArray[np.int64]:
         """Return the columns of a function at nodes 1 .. n, shape (n,)."""
         start = self.parts.index(part) * 9 * self.nodes
-        nodes: NDArray[np.int64] = start + (axis * self.nodes + np.arange(self.nodes)) * 3 + component
+        nodes: NDArray[np.int64] = (
+            start + (axis * self.nodes + np.arange(self.nodes)) * 3 + component
+        )
         return nodes
 
 
@@ -100,10 +108,13 @@ class Design:
 
 
 def build_design(layout: Layout, chain: str, model: Model) -> Design:
-    """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for a chain that is none."""
+    """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for a chain that
+    is none."""
     tilt_setup, tilt_direction = _tilts(layout)
     pairs = _drift_pairs(layout)
-    parts = tuple(part for part, wanted in enumerate((True, model.angles, model.reversal)) if wanted)
+    parts = tuple(
+        part for part, wanted in enumerate((True, model.angles, model.reversal)) if wanted
+    )
     nodes = layout.volume.increments
     play = 9 * nodes * len(parts)
     offset = play + (9 if model.reversal and model.play else 0)
@@ -123,8 +134,16 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         miss=miss,
         count=miss + (int(layout.arrival.max(initial=-1)) + 1 if model.misses else 0),
     )
-    pieces = [_machine_entries(layout, chain, columns), _play_entries(layout, columns), _offset_entries(layout, columns)]
-    pieces += [_tilt_entries(layout, columns, tilt_direction), _drift_entries(layout, columns, pairs), _miss_entries(layout, columns)]
+    pieces = [
+        _machine_entries(layout, chain, columns),
+        _play_entries(layout, columns),
+        _offset_entries(layout, columns),
+    ]
+    pieces += [
+        _tilt_entries(layout, columns, tilt_direction),
+        _drift_entries(layout, columns, pairs),
+        _miss_entries(layout, columns),
+    ]
     rows = _rows(pieces, columns)
     return Design(
         volume=layout.volume,
@@ -133,22 +152,32 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         rows=rows,
         blocks=order_blocks(_groups(layout, columns, rows)),
         tilt_direction=tilt_direction,
-        drift_pairs=tuple((setup, pair, bool(np.all(layout.timed[rows]))) for setup, pair, rows in pairs),
+        drift_pairs=tuple(
+            (setup, pair, bool(np.all(layout.timed[rows]))) for setup, pair, rows in pairs
+        ),
         drift_spans=tuple(float(np.max(layout.clock[rows])) for _, _, rows in pairs),
     )
 
 
 def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
-    """Return what the machine's own unknowns do to every reading of a layout, as `build_design` has it."""
-    return _rows([_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns)
+    """Return what the machine's own unknowns do to every reading of a layout, as `build_design` has
+    it."""
+    return _rows(
+        [_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns
+    )
 
 
 def _rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
-    return Rows(np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces]), columns.count)
+    return Rows(
+        np.hstack([column for column, _ in pieces]),
+        np.hstack([value for _, value in pieces]),
+        columns.count,
+    )
 
 
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
-    """Return the lower node and the fraction towards the next for positions (m, 3); what rounding makes of a node lies on it."""
+    """Return the lower node and the fraction towards the next for positions (m, 3); what rounding
+    makes of a node lies on it."""
     steps = (position_mm - volume.origin_mm) / volume.length_mm * volume.increments
     near = np.round(steps)
     steps = np.where(np.abs(steps - near) <= _ROUNDING, near, steps)
@@ -162,9 +191,11 @@ def displacement_coefficients(layout: Layout) -> Vector:
 
 
 def rotation_coefficients(layout: Layout, chain: str) -> Vector:
-    """Return (spot - O_a) x d in m, shape (m, axis, component): um of reading per urad of rotation (theory 4.3).
+    """Return (spot - O_a) x d in m, shape (m, axis, component): um of reading per urad of rotation
+    (theory 4.3).
 
-    Abbe arms count from the low corner of the volume: the displacement functions hold on the lines through it.
+    Abbe arms count from the low corner of the volume: the displacement functions hold on the lines
+    through it.
     """
     from_corner = layout.position_mm - layout.volume.origin_mm
     carriage = (1.0 - abbe_mask(chain)) * from_corner[:, None, :]
@@ -173,7 +204,9 @@ def rotation_coefficients(layout: Layout, chain: str) -> Vector:
     return lever * 1e-3
 
 
-def _machine_entries(layout: Layout, chain: str, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
+def _machine_entries(
+    layout: Layout, chain: str, columns: Columns
+) -> tuple[NDArray[np.int64], Vector]:
     coefficients = {0: displacement_coefficients(layout)}
     if 1 in columns.parts:
         coefficients[1] = rotation_coefficients(layout, chain)
@@ -181,7 +214,9 @@ def _machine_entries(layout: Layout, chain: str, columns: Columns) -> tuple[NDAr
         coefficients[2] = coefficients[0] * layout.approach[:, :, None] / 2.0
     lower, fraction = between_nodes(layout.volume, layout.position_mm)
     on_nodes = bool(np.all((fraction == 0) | (fraction == 1)))
-    neighbours = [(np.where(fraction == 1, lower + 1, lower), np.ones_like(fraction))] if on_nodes else []
+    neighbours = (
+        [(np.where(fraction == 1, lower + 1, lower), np.ones_like(fraction))] if on_nodes else []
+    )
     neighbours = neighbours or [(lower, 1.0 - fraction), (lower + 1, fraction)]
     pieces = [
         _function_entries(columns, part, node, weight[:, :, None] * coefficient)
@@ -191,8 +226,11 @@ def _machine_entries(layout: Layout, chain: str, columns: Columns) -> tuple[NDAr
     return np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces])
 
 
-def _function_entries(columns: Columns, part: int, node: NDArray[np.int64], value: Vector) -> tuple[NDArray[np.int64], Vector]:
-    """Return nine entries a row; the first node of an axis is the zero of its functions and has no unknown."""
+def _function_entries(
+    columns: Columns, part: int, node: NDArray[np.int64], value: Vector
+) -> tuple[NDArray[np.int64], Vector]:
+    """Return nine entries a row; the first node of an axis is the zero of its functions and has no
+    unknown."""
     start = columns.parts.index(part) * 9 * columns.nodes
     known = np.maximum(node, 1) - 1
     column = start + ((np.arange(3) * columns.nodes + known) * 3)[:, :, None] + np.arange(3)
@@ -208,7 +246,8 @@ def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Every count has an offset: its first stop is as uncertain as the others, and all are relative to it.
+    """Every count has an offset: its first stop is as uncertain as the others, and all are relative
+    to it.
 
     An outward pass and its return share it, repetitions do not: the drift of the count between
     repetitions is irrelevant.
@@ -217,7 +256,8 @@ def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64]
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
-    """Return the setup and direction of every tilt that the travel of a setup can show: none for travel along the beam."""
+    """Return the setup and direction of every tilt that the travel of a setup can show: none for
+    travel along the beam."""
     setups: list[int] = []
     directions: list[Vector] = [np.zeros((0, 3))]
     for index in range(len(layout.setups)):
@@ -226,13 +266,19 @@ def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
         away = position - position[:1]
         across = away - direction * np.sum(away * direction, axis=1, keepdims=True)
         _, size, axes = np.linalg.svd(across, full_matrices=False)
-        shown = axes[size > 1e-3 * np.linalg.norm(layout.volume.size_mm)] if mine.any() else axes[:0]
+        shown = (
+            axes[size > 1e-3 * np.linalg.norm(layout.volume.size_mm)] if mine.any() else axes[:0]
+        )
         setups += [index] * len(shown)
-        directions.append(shown * np.sign(shown[np.arange(len(shown)), np.argmax(np.abs(shown), axis=1)])[:, None])
+        directions.append(
+            shown * np.sign(shown[np.arange(len(shown)), np.argmax(np.abs(shown), axis=1)])[:, None]
+        )
     return tuple(setups), np.vstack(directions)
 
 
-def _tilt_entries(layout: Layout, columns: Columns, tilt_direction: Vector) -> tuple[NDArray[np.int64], Vector]:
+def _tilt_entries(
+    layout: Layout, columns: Columns, tilt_direction: Vector
+) -> tuple[NDArray[np.int64], Vector]:
     column = np.zeros((len(layout), 2), dtype=np.int64)
     value = np.zeros((len(layout), 2))
     from_corner = layout.position_mm - layout.volume.origin_mm
@@ -245,17 +291,22 @@ def _tilt_entries(layout: Layout, columns: Columns, tilt_direction: Vector) -> t
 
 
 def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
-    """Return setup, pair number and rows of every outward pass with its return: only there can drift be separated from the machine."""
+    """Return setup, pair number and rows of every outward pass with its return: only there can
+    drift be separated from the machine."""
     numbers = {key: index for index, key in enumerate(layout.passes)}
     pairs = []
     for key, index in numbers.items():
         back = numbers.get(PassKey(key.setup, key.number + 1))
         if key.outward and back is not None:
-            pairs.append((key.setup, (key.number + 1) // 2, np.isin(layout.pass_index, [index, back])))
+            pairs.append(
+                (key.setup, (key.number + 1) // 2, np.isin(layout.pass_index, [index, back]))
+            )
     return pairs
 
 
-def _drift_entries(layout: Layout, columns: Columns, pairs: list[tuple[str, int, NDArray[np.bool_]]]) -> tuple[NDArray[np.int64], Vector]:
+def _drift_entries(
+    layout: Layout, columns: Columns, pairs: list[tuple[str, int, NDArray[np.bool_]]]
+) -> tuple[NDArray[np.int64], Vector]:
     column, value = np.zeros(len(layout), dtype=np.int64), np.zeros(len(layout))
     for index, (_, _, mine) in enumerate(pairs):
         column[mine] = columns.drift + index
@@ -264,7 +315,8 @@ def _drift_entries(layout: Layout, columns: Columns, pairs: list[tuple[str, int,
 
 
 def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return three entries a row, none without misses: an axis stands beside its target by what its last move missed."""
+    """Return three entries a row, none without misses: an axis stands beside its target by what its
+    last move missed."""
     if columns.count == columns.miss:
         return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))
     travels = layout.arrival >= 0
@@ -272,7 +324,8 @@ def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
-    """Return the block of every unknown, -1 for the border: nuisances, end nodes, and nodes where an axis stands during a pass."""
+    """Return the block of every unknown, -1 for the border: nuisances, end nodes, and nodes where
+    an axis stands during a pass."""
     group = np.full(columns.count, -1, dtype=np.int64)
     if columns.count <= FEW_UNKNOWNS:
         return group
@@ -290,7 +343,9 @@ def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
         travels = layout.arrival >= 0
         lower, fraction = between_nodes(layout.volume, layout.position_mm)
         at = np.rint(lower + fraction).astype(np.int64)[travels]
-        group[columns.miss + layout.arrival[travels]] = np.maximum(np.minimum(at, columns.nodes - at) - 1, 0)
+        group[columns.miss + layout.arrival[travels]] = np.maximum(
+            np.minimum(at, columns.nodes - at) - 1, 0
+        )
     return _merged(group, rows)
 
 

@@ -23,8 +23,8 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.warmth import counted_mm, excess_c
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
-"""Standard deviations of an angular function's straight part at the far end and of its first half wave, as shares of its range; higher
-half waves fall with their number, as those of guideways do."""
+"""Standard deviations of an angular function's straight part at the far end and of its first half
+wave, as shares of its range; higher half waves fall with their number, as those of guideways do."""
 MOST_WAVES = 16
 LONG_WAVES = 3
 """Half waves of a common size with the straight part; further half waves have another size, since
@@ -36,10 +36,12 @@ TURNING = (ANGLES, SHORT_ANGLES)
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
 ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
-"""Backlash at first stops beside the repeatability of an approach, before its size is found: overrun leaves none, a pass without it all."""
+"""Backlash at first stops beside the repeatability of an approach, before its size is found:
+overrun leaves none, a pass without it all."""
 WANDER_WAVES = 3
 BEARING = 0.5
-"""Distance of the bearing that holds a screw from the low corner of the volume, as a share of the travel (standard deviation)."""
+"""Distance of the bearing that holds a screw from the low corner of the volume, as a share of the
+travel (standard deviation)."""
 LEAST_SCATTER_UM = 0.02
 """Positions in steps of 0.1 um scatter by 0.03 um: less than any laser's noise."""
 TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
@@ -48,7 +50,8 @@ TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect:
-    """One kind of cause: ``pattern_um`` (m, k) on the readings, whether its size is ``sought`` in them, what was assumed."""
+    """One kind of cause: ``pattern_um`` (m, k) on the readings, whether its size is ``sought`` in
+    them, what was assumed."""
 
     name: str
     text: Words
@@ -63,9 +66,11 @@ class Effect:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AngleShapes:
-    """The functions by which unknown angular errors are described: names in the order of their causes, ``waves`` half waves each.
+    """The functions by which unknown angular errors are described: names in the order of their
+    causes, ``waves`` half waves each.
 
-    Straight parts and long waves of all functions come first, the short waves of all after them: these have a size of their own.
+    Straight parts and long waves of all functions come first, the short waves of all after them:
+    these have a size of their own.
     """
 
     names: tuple[str, ...]
@@ -73,7 +78,8 @@ class AngleShapes:
     waves: int
 
     def at(self, layout_share: Vector) -> Vector:
-        """Return the shapes at shares of the travel (0 .. 1), for a range of one, shape (m, 1 + waves)."""
+        """Return the shapes at shares of the travel (0 .. 1), for a range of one, shape (m, 1 +
+        waves)."""
         number = np.arange(1, self.waves + 1)
         waves = WAVE_SHARE * np.sin(np.pi * number * layout_share[:, None]) / number
         return np.column_stack([LINE_SHARE * layout_share, waves])
@@ -88,20 +94,30 @@ class AngleShapes:
         return len(self.names) * (1 + min(self.waves, LONG_WAVES))
 
     def causes_of(self, name: str) -> NDArray[np.int64]:
-        """Return the places of a function's causes among all of them, in the order of its shapes."""
+        """Return the places of a function's causes among all of them, in the order of its
+        shapes."""
         place, long = self.names.index(name), 1 + min(self.waves, LONG_WAVES)
         short = self.waves + 1 - long
-        return np.concatenate([place * long + np.arange(long), self.long + place * short + np.arange(short)])
+        return np.concatenate(
+            [place * long + np.arange(long), self.long + place * short + np.arange(short)]
+        )
 
 
 def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptions) -> AngleShapes:
-    """Return the description of the angular functions that are not ``known`` and are assumed to be there."""
-    names = tuple(name for name in ROTATIONS if name not in known and assumed.angle_range_urad(name) > 0)
+    """Return the description of the angular functions that are not ``known`` and are assumed to be
+    there."""
+    names = tuple(
+        name for name in ROTATIONS if name not in known and assumed.angle_range_urad(name) > 0
+    )
     waves = min(max(layout.volume.increments - 1, 1), MOST_WAVES)
-    return AngleShapes(names=names, range_urad=tuple(assumed.angle_range_urad(name) for name in names), waves=waves)
+    return AngleShapes(
+        names=names, range_urad=tuple(assumed.angle_range_urad(name) for name in names), waves=waves
+    )
 
 
-def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions) -> tuple[Effect, ...]:
+def effects_of(
+    layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions
+) -> tuple[Effect, ...]:
     """Return every effect on the readings of a layout; effects that cannot move any reading are
     left out.
 
@@ -119,11 +135,16 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
         _survey_scale(layout, assumed),
         _material(layout, assumed),
     )
-    return tuple(effect for effect in found if effect.count and (effect.name in TURNING or np.any(effect.pattern_um)))
+    return tuple(
+        effect
+        for effect in found
+        if effect.count and (effect.name in TURNING or np.any(effect.pattern_um))
+    )
 
 
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
-    """Return the spot formula (theory 4.3) for functions of unknown size, and for their short waves, of unknown smoothness.
+    """Return the spot formula (theory 4.3) for functions of unknown size, and for their short
+    waves, of unknown smoothness.
 
     With a common size, absent short waves, which readings see best, would make the long waves
     small.
@@ -132,8 +153,12 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
     for name, size in zip(shapes.names, shapes.range_urad, strict=True):
         axis, component = divmod(ROTATIONS.index(name), 3)
-        share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.length_mm[axis]
-        pattern[:, shapes.causes_of(name)] = size * arms[:, axis, component, None] * shapes.at(share)
+        share = (
+            layout.position_mm[:, axis] - layout.volume.origin_mm[axis]
+        ) / layout.volume.length_mm[axis]
+        pattern[:, shapes.causes_of(name)] = (
+            size * arms[:, axis, component, None] * shapes.at(share)
+        )
     text = message("assumed-angles", sizes=[f"{size:g}" for size in sorted(set(shapes.range_urad))])
     short = message("assumed-short-angles", number=LONG_WAVES + 1)
     return (
@@ -155,7 +180,8 @@ def _elapsed(layout: Layout) -> Vector:
 
 
 def _by(index: NDArray[np.int64], values: Vector) -> Vector:
-    """Return the values in a column for each member of the index, zero elsewhere, shape (m, members)."""
+    """Return the values in a column for each member of the index, zero elsewhere, shape (m,
+    members)."""
     apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
     return apart
 
@@ -167,26 +193,37 @@ def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return a ramp for each unbroken count; where the return pass lets the adjustment find the ramp, its price is nil."""
+    """Return a ramp for each unbroken count; where the return pass lets the adjustment find the
+    ramp, its price is nil."""
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
-    return Effect(name="drift", text=message("assumed-drift", drift_um=assumed.drift_um), pattern_um=pattern, sought=True)
+    return Effect(
+        name="drift",
+        text=message("assumed-drift", drift_um=assumed.drift_um),
+        pattern_um=pattern,
+        sought=True,
+    )
 
 
 def _wander(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return a random walk within each unbroken count by its largest components (Karhunen and Loeve's expansion of Brownian motion)."""
+    """Return a random walk within each unbroken count by its largest components (Karhunen and
+    Loeve's expansion of Brownian motion)."""
     elapsed = _elapsed(layout)
     longest = np.zeros(int(layout.offset_index.max()) + 1)
     np.maximum.at(longest, layout.offset_index, elapsed)
     whole = longest[layout.offset_index]
     turns = np.pi * (np.arange(WANDER_WAVES) + 0.5)
-    waves = [np.sqrt(2.0 * whole) * np.sin(turn * elapsed / np.maximum(whole, 1e-9)) / turn for turn in turns]
+    waves = [
+        np.sqrt(2.0 * whole) * np.sin(turn * elapsed / np.maximum(whole, 1e-9)) / turn
+        for turn in turns
+    ]
     pattern = assumed.wander_um * np.hstack([_by(layout.offset_index, wave) for wave in waves])
     text = message("assumed-wander", wander_um=assumed.wander_um)
     return Effect(name="wander", text=text, pattern_um=pattern, sought=True)
 
 
 def travel_mm(layout: Layout) -> Vector:
-    """Return the commanded travel since the low corner of the volume along each reading's direction, shape (m, 3)."""
+    """Return the commanded travel since the low corner of the volume along each reading's
+    direction, shape (m, 3)."""
     return (layout.position_mm - layout.volume.origin_mm) * layout.direction
 
 
@@ -196,36 +233,53 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
     """
     coefficient = float(np.mean(assumed.expansion_um_m_c))
     cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
-    size_um_m = float(np.linalg.norm([coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m]))
+    size_um_m = float(
+        np.linalg.norm([coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m])
+    )
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
     text = message(
         "assumed-setup-scale",
-        warm_c=assumed.setup_c, air_ppm=1e6 * assumed.index_setup, beam_mrad=assumed.alignment_mrad, size_um_m=size_um_m,
-    )  # fmt: skip
-    return Effect(name=SETUP_SCALE, text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), sought=True)
+        warm_c=assumed.setup_c,
+        air_ppm=1e6 * assumed.index_setup,
+        beam_mrad=assumed.alignment_mrad,
+        size_um_m=size_um_m,
+    )
+    return Effect(
+        name=SETUP_SCALE,
+        text=text,
+        pattern_um=size_um_m * _by(layout.setup_index, along_m),
+        sought=True,
+    )
 
 
 def _growth(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return how each axis grows in the course of the survey, as its drive warms: exponentials about the mean of all readings.
+    """Return how each axis grows in the course of the survey, as its drive warms: exponentials
+    about the mean of all readings.
 
-    Three columns an axis for its length, three for how far from the low corner its bearing holds it.
+    Three columns an axis for its length, three for how far from the low corner its bearing holds
+    it.
 
     Without the times of all readings nothing of it can be separated from the scales of setups.
     """
     waves = growth_waves(layout)
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction
     along_m = np.concatenate([1e-3 * travel_mm(layout), beside_m], axis=1)
-    pattern = assumed.growth_um_m * (along_m[:, :, None] * waves[:, None, :]).reshape(len(layout), -1)
+    pattern = assumed.growth_um_m * (along_m[:, :, None] * waves[:, None, :]).reshape(
+        len(layout), -1
+    )
     text = message("assumed-growth", growth_um_m=assumed.growth_um_m)
     return Effect(name=GROWTH, text=text, pattern_um=pattern, sought=True)
 
 
 def growth_waves(layout: Layout) -> Vector:
-    """Return the exponentials in time about the mean of all readings, shape (m, time constants); none without the times of all."""
+    """Return the exponentials in time about the mean of all readings, shape (m, time constants);
+    none without the times of all."""
     hours = layout.hours
     if not len(layout) or not np.all(np.isfinite(hours)) or np.ptp(hours) == 0.0:
         return np.zeros((len(layout), 0))
-    waves = np.exp(-(hours - np.min(hours))[:, None] / np.array(TIME_CONSTANTS_H)) / np.sqrt(len(TIME_CONSTANTS_H))
+    waves = np.exp(-(hours - np.min(hours))[:, None] / np.array(TIME_CONSTANTS_H)) / np.sqrt(
+        len(TIME_CONSTANTS_H)
+    )
     centred: Vector = waves - np.mean(waves, axis=0)
     return centred
 
@@ -239,7 +293,9 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
     """
     begins = _first_of(layout.pass_index)
     # after a reversal of the machine, the move to its place belongs to the pass before
-    came = (begins == 0)[:, None] | (layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)])
+    came = (begins == 0)[:, None] | (
+        layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)]
+    )
     still = came & (layout.arrival == layout.arrival[begins]) & (layout.arrival >= 0)
     size_um = BACKLASH * assumed.repeatability_um
     pattern = -size_um * layout.direction * layout.approach * still
@@ -258,13 +314,21 @@ def _registers(layout: Layout) -> Effect:
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
-        stands = np.where(layout.arrival[:, axis] < 0, -1 - layout.pass_index, layout.arrival[:, axis])
+        stands = np.where(
+            layout.arrival[:, axis] < 0, -1 - layout.pass_index, layout.arrival[:, axis]
+        )
         stay = np.unique(stands, return_inverse=True)[1]
         scatter = _beside_program_mm(layout, axis)
         between[:, axis] = (np.bincount(stay, weights=scatter) / np.bincount(stay))[stay]
         within[:, axis] = scatter - between[:, axis]
-    pattern = -1e3 * np.column_stack([np.sum(each * layout.direction, axis=1) for each in (within, between)])
-    pattern = pattern[:, np.sqrt(np.mean(pattern**2, axis=0)) > LEAST_SCATTER_UM] if len(layout) else pattern[:, :0]
+    pattern = -1e3 * np.column_stack(
+        [np.sum(each * layout.direction, axis=1) for each in (within, between)]
+    )
+    pattern = (
+        pattern[:, np.sqrt(np.mean(pattern**2, axis=0)) > LEAST_SCATTER_UM]
+        if len(layout)
+        else pattern[:, :0]
+    )
     return Effect(name="registers", text=message("assumed-registers"), pattern_um=pattern)
 
 
@@ -276,12 +340,20 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
     pass, or of the setup if each pass begins at the end of the pass before. Passes with as many
     targets have increments of the same size.
     """
-    beside, targets, passes = layout.beside_mm[:, axis], layout.position_mm[:, axis], layout.pass_index
+    beside, targets, passes = (
+        layout.beside_mm[:, axis],
+        layout.position_mm[:, axis],
+        layout.pass_index,
+    )
     if not np.any(beside):
         return np.zeros_like(beside)
-    many = np.array([len(np.unique(targets[passes == number])) for number in range(len(layout.passes))])[passes]
+    many = np.array(
+        [len(np.unique(targets[passes == number])) for number in range(len(layout.passes))]
+    )[passes]
     ways = [targets - targets[_first_of(index)] for index in (passes, layout.setup_index)]
-    program = np.hstack([np.equal.outer(targets, np.unique(targets)), *(_by(many, way) for way in ways)])
+    program = np.hstack(
+        [np.equal.outer(targets, np.unique(targets)), *(_by(many, way) for way in ways)]
+    )
     return np.asarray(beside - program @ np.linalg.lstsq(program, beside, rcond=None)[0])
 
 
@@ -295,12 +367,19 @@ def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
 def _material(layout: Layout, assumed: Assumptions) -> Effect:
     """Return per axis the effect of its temperature and of its coefficient (theory 8.7).
 
-    Both are in the lengths where the readings were reduced to 20 C; the coefficient also where they were brought to one temperature.
+    Both are in the lengths where the readings were reduced to 20 C; the coefficient also where they
+    were brought to one temperature.
     """
     along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
     by_temperature = along_m * np.array(assumed.expansion_um_m_c) * assumed.u_material_c
     levelled = 1e-3 * counted_mm(layout) * excess_c(layout, assumed)[:, None]
     by_coefficient = (along_m * excess + levelled) * assumed.u_expansion_um_m_c
-    text = message("assumed-material", u_c=assumed.u_material_c, u_um_m_c=assumed.u_expansion_um_m_c)
-    return Effect(name="material temperature", text=text, pattern_um=np.hstack([by_temperature, by_coefficient]))
+    text = message(
+        "assumed-material", u_c=assumed.u_material_c, u_um_m_c=assumed.u_expansion_um_m_c
+    )
+    return Effect(
+        name="material temperature",
+        text=text,
+        pattern_um=np.hstack([by_temperature, by_coefficient]),
+    )

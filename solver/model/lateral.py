@@ -2,9 +2,10 @@
 
     value = D_c(a) + (alpha_a(a) x r_a)_c + approach / 2 * R_c(a) + offset + slope * (a - low)
 
-for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset and slope belong to the head's
-alignment, so every pass of every direction has its own and neither touches the squareness. The diagonals and the head thus meet with
-their own weights: what they disagree about shows in the residuals and enlarges the uncertainties.
+for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset
+and slope belong to the head's alignment, so every pass of every direction has its own and neither
+touches the squareness. The diagonals and the head thus meet with their own weights: what they
+disagree about shows in the residuals and enlarges the uncertainties.
 """
 
 from collections.abc import Sequence
@@ -52,10 +53,14 @@ class Observed:
     u: Vector
 
 
-def at_targets(measured: Sequence[MeasuredStraightness], layout: Layout) -> list[MeasuredStraightness]:
-    """Return the head's passes at the targets of their stops, which are those of the readings where these have them.
+def at_targets(
+    measured: Sequence[MeasuredStraightness], layout: Layout
+) -> list[MeasuredStraightness]:
+    """Return the head's passes at the targets of their stops, which are those of the readings where
+    these have them.
 
-    A value moves with its stop along the straight line through its pass: the line of the head's alignment is steeper than any function.
+    A value moves with its stop along the straight line through its pass: the line of the head's
+    alignment is steeper than any function.
     """
     found = list(measured)
     for axis, letter in enumerate(AXIS_LETTERS):
@@ -68,7 +73,11 @@ def at_targets(measured: Sequence[MeasuredStraightness], layout: Layout) -> list
         for index, target_mm in zip(mine, np.split(targets, ends), strict=True):
             one = measured[index]
             slope = _slope(one.position_mm, one.value_um)
-            found[index] = replace(one, position_mm=target_mm, value_um=one.value_um + slope * (target_mm - one.position_mm))
+            found[index] = replace(
+                one,
+                position_mm=target_mm,
+                value_um=one.value_um + slope * (target_mm - one.position_mm),
+            )
     return found
 
 
@@ -78,22 +87,33 @@ def _slope(position_mm: Vector, value_um: Vector) -> float:
     return float(away @ value_um) / square if square else 0.0
 
 
-def lateral_rows(design: Design, measured: Sequence[MeasuredStraightness], angles: Angles) -> Observed:
-    """Return the rows of the head's passes; ``design`` was built with ``Model.lines = len(measured)``.
+def lateral_rows(
+    design: Design, measured: Sequence[MeasuredStraightness], angles: Angles
+) -> Observed:
+    """Return the rows of the head's passes; ``design`` was built with ``Model.lines =
+    len(measured)``.
 
-    Raises ``DataError`` for a position outside the volume: what lies there is no unknown of the survey.
+    Raises ``DataError`` for a position outside the volume: what lies there is no unknown of the
+    survey.
     """
     pieces = [_rows_of(design, number, one) for number, one in enumerate(measured)]
     empty = (np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)))
     columns, values = zip(*(pieces or [empty]), strict=True)
     return Observed(
         rows=Rows(np.vstack(columns), np.vstack(values), design.columns.count),
-        target=np.concatenate([np.zeros(0), *(one.value_um - of_known_angles(design, one, angles) for one in measured)]),
+        target=np.concatenate(
+            [
+                np.zeros(0),
+                *(one.value_um - of_known_angles(design, one, angles) for one in measured),
+            ]
+        ),
         u=np.concatenate([np.zeros(0), *(np.maximum(one.u_um, LEAST_U_UM) for one in measured)]),
     )
 
 
-def lateral_angles(design: Design, measured: Sequence[MeasuredStraightness], shapes: AngleShapes) -> Vector:
+def lateral_angles(
+    design: Design, measured: Sequence[MeasuredStraightness], shapes: AngleShapes
+) -> Vector:
     """Return what the unknown angular functions do to the head's values, shape (rows, causes)."""
     pieces = [np.zeros((0, len(shapes.names) * (shapes.waves + 1)))]
     for one in measured:
@@ -103,13 +123,18 @@ def lateral_angles(design: Design, measured: Sequence[MeasuredStraightness], sha
         effect = np.zeros((len(share), pieces[0].shape[1]))
         for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
             if name in shapes.names:
-                effect[:, shapes.causes_of(name)] = shapes.range_of(name) * arms[:, about, None] * shapes.at(share)
+                effect[:, shapes.causes_of(name)] = (
+                    shapes.range_of(name) * arms[:, about, None] * shapes.at(share)
+                )
         pieces.append(effect)
     return np.vstack(pieces)
 
 
-def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values, shape (k, 12): two nodes each of displacement, three rotations and reversal, offset and slope."""
+def _rows_of(
+    design: Design, number: int, one: MeasuredStraightness
+) -> tuple[NDArray[np.int64], Vector]:
+    """Return columns and values, shape (k, 12): two nodes each of displacement, three rotations and
+    reversal, offset and slope."""
     columns = design.columns
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     lower, fraction = nodes_of(design.volume, axis, one)
@@ -131,13 +156,22 @@ def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[ND
     return column, value
 
 
-def nodes_of(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:
-    """Return the lower node of each position of a pass along an axis and the fraction towards the next, shapes (k,)."""
+def nodes_of(
+    volume: Volume, axis: int, one: MeasuredStraightness
+) -> tuple[NDArray[np.int64], Vector]:
+    """Return the lower node of each position of a pass along an axis and the fraction towards the
+    next, shapes (k,)."""
     low, size = volume.origin_mm[axis], volume.size_mm[axis]
-    outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (one.position_mm > low + size + POSITION_TOLERANCE_MM)
+    outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (
+        one.position_mm > low + size + POSITION_TOLERANCE_MM
+    )
     if outside.any():
         found = f"{one.position_mm[int(np.argmax(outside))]:g} mm"
-        raise DataError(f"4-DOF head: {one.name}", expected=message("positions-volume", low=low, high_mm=low + size), found=found)
+        raise DataError(
+            f"4-DOF head: {one.name}",
+            expected=message("positions-volume", low=low, high_mm=low + size),
+            found=found,
+        )
     points = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (len(one.position_mm), 1))
     points[:, axis] = one.position_mm
     points = snapped_mm(volume, points)
@@ -146,19 +180,25 @@ def nodes_of(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDAr
 
 
 def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vector:
-    """Return um of displacement in ``component`` per urad about each axis, shape (k, 3): zero where the carriage moves along."""
+    """Return um of displacement in ``component`` per urad about each axis, shape (k, 3): zero where
+    the carriage moves along."""
     arm = np.zeros((len(position_mm), 3))
-    arm[:, axis] = abbe_mask(design.chain)[axis, axis] * (position_mm - design.volume.origin_mm[axis])
+    arm[:, axis] = abbe_mask(design.chain)[axis, axis] * (
+        position_mm - design.volume.origin_mm[axis]
+    )
     lever: Vector = 1e-3 * -cross_matrix(arm)[:, component, :]
     return lever
 
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
-    """Return what the known rotations of the axis do to the measured values, shape (k,), but for a straight line, which these may hold."""
+    """Return what the known rotations of the axis do to the measured values, shape (k,), but for a
+    straight line, which these may hold."""
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)
     total = np.zeros(len(arms))
     for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
         if name in angles:
-            total += arms[:, about] * np.interp(one.position_mm, angles[name].position_mm, angles[name].value_urad)
+            total += arms[:, about] * np.interp(
+                one.position_mm, angles[name].position_mm, angles[name].value_urad
+            )
     return total

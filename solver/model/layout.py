@@ -1,4 +1,5 @@
-"""From readings to geometry: the volume, the travel of every pass, the beam, and what each reading deviates from nominal."""
+"""From readings to geometry: the volume, the travel of every pass, the beam, and what each reading
+deviates from nominal."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,11 +14,18 @@ from stepdiag.base.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.base.readings.snapping import arrivals, edges_mm, snapped_mm
 from stepdiag.base.readings.travel import check_laser, check_route, laser_sense
 from stepdiag.base.setups import Kind, Setup, setup_of
-from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume, position_tolerance_mm
+from stepdiag.base.volume import (
+    MOST_INCREMENTS,
+    POSITION_TOLERANCE_MM,
+    Vector,
+    Volume,
+    position_tolerance_mm,
+)
 
 MOST_SETUPS = 200
 BESIDE_NODE = 0.3
-"""Of an increment, from a node to the nearest target of a run: its value is then that target's rather than its neighbours'."""
+"""Of an increment, from a node to the nearest target of a run: its value is then that target's
+rather than its neighbours'."""
 MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
 """Stops in a step of each kind of setup."""
 
@@ -71,18 +79,24 @@ class Layout:
     def place(self, row: int) -> Message:
         """Return the name of a reading for a person: setup, pass and stop."""
         key = self.passes[int(self.pass_index[row])]
-        return message("stop-of-setup", setup=key.setup, number=key.number, stop=int(self.stop[row]))
+        return message(
+            "stop-of-setup", setup=key.setup, number=key.number, stop=int(self.stop[row])
+        )
 
     @property
     def joined(self) -> bool:
-        """Return whether any outward pass and its return share the zero of the count: then constant backlash shows."""
+        """Return whether any outward pass and its return share the zero of the count: then constant
+        backlash shows."""
         outward = np.array([key.outward for key in self.passes])[self.pass_index]
         return bool(np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size)
 
     def since_zero_mm(self) -> Vector:
         """Return how far the laser has counted since its zero, shape (m,)."""
         first = np.unique(self.zero_index, return_index=True)[1]
-        counted: Vector = self.reading_mm - self.reading_mm[first][np.searchsorted(self.zero_index[first], self.zero_index)]
+        counted: Vector = (
+            self.reading_mm
+            - self.reading_mm[first][np.searchsorted(self.zero_index[first], self.zero_index)]
+        )
         return counted
 
     def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Layout":
@@ -100,15 +114,35 @@ class Layout:
         leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
         leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
         position = self.position_mm + self.beside_mm
-        return replace(self, position_mm=position, direction=leaning, spot_mm=_foot(self.beam_mm, leaning, position))
+        return replace(
+            self,
+            position_mm=position,
+            direction=leaning,
+            spot_mm=_foot(self.beam_mm, leaning, position),
+        )
 
 
 _COLUMNS = (
-    "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "beside_mm", "arrival",
-    "direction", "beam_mm", "spot_mm", "approach",
-    "reading_mm", "deviation_um", "u_um", "clock", "timed", "hours",
+    "setup_index",
+    "pass_index",
+    "zero_index",
+    "offset_index",
+    "stop",
+    "position_mm",
+    "beside_mm",
+    "arrival",
+    "direction",
+    "beam_mm",
+    "spot_mm",
+    "approach",
+    "reading_mm",
+    "deviation_um",
+    "u_um",
+    "clock",
+    "timed",
+    "hours",
     "temperature_c",
-)  # fmt: skip
+)
 
 
 def lay_out(readings: Readings, source: str = "readings", volume: Volume | None = None) -> Layout:
@@ -125,23 +159,39 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
         raise DataError(source, expected=message("some-readings"), found=message("none"))
     setups = {name: setup_of(name) for name in dict.fromkeys(key.setup for key in passes)}
     if len(setups) > MOST_SETUPS:
-        raise DataError(source, expected=message("setups-most", count=MOST_SETUPS), found=str(len(setups)))
+        raise DataError(
+            source, expected=message("setups-most", count=MOST_SETUPS), found=str(len(setups))
+        )
     volume = volume or infer_volume(readings, setups.values(), source)
     for key, rows in passes.items():
         check_route(readings, setups[key.setup], key, rows, volume, source)
-        check_laser(readings, setups[key.setup], key, rows, laser_sense(readings, setups[key.setup], passes), source)
-    return _inside_only(_assemble(readings, passes, list(setups.values()), volume, source), _missing(readings, passes))
+        check_laser(
+            readings,
+            setups[key.setup],
+            key,
+            rows,
+            laser_sense(readings, setups[key.setup], passes),
+            source,
+        )
+    return _inside_only(
+        _assemble(readings, passes, list(setups.values()), volume, source),
+        _missing(readings, passes),
+    )
 
 
 def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "readings") -> Volume:
-    """Return the box that the diagonals span. Raises ``DataError`` where they span none or not the same one."""
+    """Return the box that the diagonals span. Raises ``DataError`` where they span none or not the
+    same one."""
     by_kind: dict[Kind, list[Setup]] = {}
     for setup in setups:
         by_kind.setdefault(setup.kind, []).append(setup)
     kinds: tuple[Kind, ...] = ("step", "face", "body", "linear")
     kind = next(kind for kind in kinds if kind in by_kind)
     ordered = [by_kind[one] for one in kinds if one in by_kind]
-    low, high = (np.array(edge) for edge in zip(*(_edges_mm(readings, ordered, axis) for axis in range(3)), strict=True))
+    low, high = (
+        np.array(edge)
+        for edge in zip(*(_edges_mm(readings, ordered, axis) for axis in range(3)), strict=True)
+    )
     finest = _increments(readings, [setup.name for setup in by_kind[kind]], kind, source)
     if kind == "linear":
         finest = _even_steps(readings, by_kind[kind], low, high, finest)
@@ -153,7 +203,9 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
     return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=finest)
 
 
-def _edges_mm(readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int) -> tuple[float, float]:
+def _edges_mm(
+    readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int
+) -> tuple[float, float]:
     """Return low and high edge of the box along an axis, from the setups of the first of the
     ``kinds`` that travels this axis.
 
@@ -170,13 +222,22 @@ def _edges_mm(readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int) -
         # the targets of a linear run are its own: only its ends lie on the edges
         used = rows[[0, -1]] if setup.kind == "linear" else rows
         position.append(readings.position_mm[used, axis])
-        steps.append(np.full(len(used), 1 if setup.kind == "linear" else max(int(readings.stop[rows[-1]]) // MOVES[setup.kind], 1)))
+        steps.append(
+            np.full(
+                len(used),
+                1
+                if setup.kind == "linear"
+                else max(int(readings.stop[rows[-1]]) // MOVES[setup.kind], 1),
+            )
+        )
     if len(position) == 1:
         return edges_mm(readings.position_mm[:, axis], np.ones(len(readings), dtype=np.int64))
     return edges_mm(np.concatenate(position), np.concatenate(steps))
 
 
-def _even_steps(readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int) -> int:
+def _even_steps(
+    readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int
+) -> int:
     """Return the most equal steps at which every node has a target of each run beside it: otherwise
     its value hangs on others far away.
     """
@@ -185,7 +246,14 @@ def _even_steps(readings: Readings, runs: Sequence[Setup], low: Vector, high: Ve
         axis = int(np.argmax(np.abs(setup.signs)))
         position = readings.position_mm[np.array(readings.setup) == setup.name, axis]
         shares.append(np.sort((position - low[axis]) / (high[axis] - low[axis])))
-    return next((steps for steps in range(most, 1, -1) if all(_beside_nodes(share, steps) for share in shares)), 1)
+    return next(
+        (
+            steps
+            for steps in range(most, 1, -1)
+            if all(_beside_nodes(share, steps) for share in shares)
+        ),
+        1,
+    )
 
 
 def _beside_nodes(share: Vector, steps: int) -> bool:
@@ -195,7 +263,9 @@ def _beside_nodes(share: Vector, steps: int) -> bool:
     return bool(np.all(nearest * steps <= BESIDE_NODE))
 
 
-def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, increments: int, source: str) -> None:
+def _check_box(
+    setup: Setup, points: Vector, low: Vector, high: Vector, increments: int, source: str
+) -> None:
     moves = np.array(setup.signs) != 0
     off = np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high)) * moves
     # a stop and the edge, each with its tolerance
@@ -211,14 +281,28 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, incremen
 
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
     """Return the increments of the finest pass."""
-    longest = max(int(readings.stop[rows[-1]]) for key, rows in readings.passes().items() if key.setup in names)
+    longest = max(
+        int(readings.stop[rows[-1]])
+        for key, rows in readings.passes().items()
+        if key.setup in names
+    )
     increments = max(longest // MOVES[kind], 1)
     if increments > MOST_INCREMENTS:
-        raise DataError(source, expected=message("increments-most", count=MOST_INCREMENTS), found=str(increments))
+        raise DataError(
+            source,
+            expected=message("increments-most", count=MOST_INCREMENTS),
+            found=str(increments),
+        )
     return increments
 
 
-def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setups: list[Setup], volume: Volume, source: str) -> Layout:
+def _assemble(
+    readings: Readings,
+    passes: dict[PassKey, NDArray[np.int64]],
+    setups: list[Setup],
+    volume: Volume,
+    source: str,
+) -> Layout:
     keys = tuple(passes)
     order = np.concatenate(list(passes.values()))
     pass_index = np.repeat(np.arange(len(keys)), [len(rows) for rows in passes.values()])
@@ -228,9 +312,13 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
     position = snapped_mm(volume, reported, targets_tolerance_mm(readings, passes, setups, volume))
     first = np.searchsorted(pass_index, np.arange(len(keys)))
     zero_index, offset_index, origin = _zeros(readings.zero[order], keys, pass_index)
-    beam = np.where(np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], position[first][pass_index])
+    beam = np.where(
+        np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], position[first][pass_index]
+    )
     senses = np.array([laser_sense(readings, setup, passes) for setup in setups])
-    direction = (senses[:, None] * np.array([_direction(setup, volume) for setup in setups]))[setup_index]
+    direction = (senses[:, None] * np.array([_direction(setup, volume) for setup in setups]))[
+        setup_index
+    ]
     reading = readings.reading_mm[order]
     nominal = np.sum((reported - reported[origin]) * direction, axis=1)
     clock, timed = _drift_clock(readings.time_s[order], keys, pass_index)
@@ -252,7 +340,9 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         direction=direction,
         beam_mm=beam,
         spot_mm=_foot(beam, direction, position),
-        approach=_approach(np.sign(travel)[pass_index], pass_index, position, readings.turned[order]),
+        approach=_approach(
+            np.sign(travel)[pass_index], pass_index, position, readings.turned[order]
+        ),
         reading_mm=reading,
         deviation_um=(reading - reading[origin] - nominal) * 1e3,
         u_um=readings.u_um[order],
@@ -264,36 +354,57 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
 
 
 def targets_tolerance_mm(
-    readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], setups: Sequence[Setup], volume: Volume
+    readings: Readings,
+    passes: Mapping[PassKey, NDArray[np.int64]],
+    setups: Sequence[Setup],
+    volume: Volume,
 ) -> Vector:
-    """Return how far beside its target a stop may lie in each axis, shape (3,): less where a linear run has targets closer together."""
-    step, runs = volume.step_mm.copy(), {setup.name: setup for setup in setups if setup.kind == "linear"}
+    """Return how far beside its target a stop may lie in each axis, shape (3,): less where a linear
+    run has targets closer together."""
+    step, runs = (
+        volume.step_mm.copy(),
+        {setup.name: setup for setup in setups if setup.kind == "linear"},
+    )
     for key, rows in passes.items():
         if key.setup in runs:
             axis = int(np.argmax(np.abs(runs[key.setup].signs)))
-            step[axis] = min(step[axis], float(np.min(np.abs(np.diff(readings.position_mm[rows, axis])))))
+            step[axis] = min(
+                step[axis], float(np.min(np.abs(np.diff(readings.position_mm[rows, axis]))))
+            )
     return position_tolerance_mm(step)
 
 
 def _zeros(
     zero: NDArray[np.int64], keys: Sequence[PassKey], pass_index: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return for every row its stretch of unbroken count, its offset, and the row that its reading is relative to."""
+    """Return for every row its stretch of unbroken count, its offset, and the row that its reading
+    is relative to."""
     stretches: dict[tuple[str, int, int], int] = {}
     offsets: dict[tuple[int, int], int] = {}
     begins = np.flatnonzero(np.append(True, (np.diff(pass_index) != 0) | (np.diff(zero) != 0)))
-    runs = [(number, keys[index]) for number, index in zip(zero[begins].tolist(), pass_index[begins].tolist(), strict=True)]
+    runs = [
+        (number, keys[index])
+        for number, index in zip(zero[begins].tolist(), pass_index[begins].tolist(), strict=True)
+    ]
     # a pass without a stretch is one of its own
-    stretch = [stretches.setdefault((key.setup, number, 0 if number >= 0 else key.number), len(stretches)) for number, key in runs]
+    stretch = [
+        stretches.setdefault((key.setup, number, 0 if number >= 0 else key.number), len(stretches))
+        for number, key in runs
+    ]
     pairs = [(of, (key.number + 1) // 2) for of, (_, key) in zip(stretch, runs, strict=True)]
     offset = [offsets.setdefault(pair, len(offsets)) for pair in pairs]
     length = np.diff(np.append(begins, len(zero)))
-    zero_index, offset_index = np.repeat(np.array(stretch, dtype=np.int64), length), np.repeat(np.array(offset, dtype=np.int64), length)
+    zero_index, offset_index = (
+        np.repeat(np.array(stretch, dtype=np.int64), length),
+        np.repeat(np.array(offset, dtype=np.int64), length),
+    )
     first = np.unique(zero_index, return_index=True)[1]
     return zero_index, offset_index, first[zero_index]
 
 
-def _approach(travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vector, turned: NDArray[np.bool_]) -> Vector:
+def _approach(
+    travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vector, turned: NDArray[np.bool_]
+) -> Vector:
     """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of its pass.
 
     If the machine reversed at the first stop, every axis had come there in the direction of the
@@ -302,7 +413,9 @@ def _approach(travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vec
     approach = travelled.copy()
     for first in np.flatnonzero(turned).tolist():
         approach[first] = -travelled[first]
-        for row in range(first + 1, int(np.searchsorted(pass_index, pass_index[first], side="right"))):
+        for row in range(
+            first + 1, int(np.searchsorted(pass_index, pass_index[first], side="right"))
+        ):
             moved = position_mm[row] - position_mm[row - 1]
             approach[row] = np.where(moved != 0, np.sign(moved), approach[row - 1])
     return approach
@@ -320,7 +433,9 @@ def _direction(setup: Setup, volume: Volume) -> Vector:
     return unit
 
 
-def _drift_clock(time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np.int64]) -> tuple[Vector, NDArray[np.bool_]]:
+def _drift_clock(
+    time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np.int64]
+) -> tuple[Vector, NDArray[np.bool_]]:
     """Return the drift coordinate of every reading and whether it is in hours."""
     clock = np.zeros(len(time_s))
     timed = np.zeros(len(time_s), dtype=np.bool_)
@@ -338,7 +453,9 @@ def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tu
     """Return the finding that names the stops which passes lack."""
     lacking = {key: missing_stops(readings.stop[rows]) for key, rows in passes.items()}
     named = [
-        message("stops-of-setup", setup=key.setup, number=key.number, stops=stops.tolist()) for key, stops in lacking.items() if len(stops)
+        message("stops-of-setup", setup=key.setup, number=key.number, stops=stops.tolist())
+        for key, stops in lacking.items()
+        if len(stops)
     ]
     return (finding("warning", message("stop-missing", lacking=named)),) if named else ()
 

@@ -16,7 +16,8 @@ ASSUMED_U_UM = 0.3
 redundancy give the noise.
 """
 LEAST_U_UM = 1e-3
-"""No reading is taken for better than this: simulated readings without noise must not make an infinite weight."""
+"""No reading is taken for better than this: simulated readings without noise must not make an
+infinite weight."""
 LEAST_FREEDOM = 4.0
 """Degrees of freedom below which the residuals do not measure the noise."""
 CHECKED = 0.01
@@ -37,4 +38,8 @@ def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
 def assumed_noise(setups: Iterable[str]) -> tuple[Finding, ...]:
     """Return the finding for setups whose noise had to be assumed."""
     names = list(setups)
-    return (finding("warning", message("noise-assumed.of", setups=names, u_um=ASSUMED_U_UM)),) if names else ()
+    return (
+        (finding("warning", message("noise-assumed.of", setups=names, u_um=ASSUMED_U_UM)),)
+        if names
+        else ()
+    )

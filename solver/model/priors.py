@@ -16,12 +16,14 @@ from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
 
 EXACT = 1e-3
-"""Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far above rounding."""
+"""Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far
+above rounding."""
 DRIFT_UM = 1.0
 """Standard uncertainty of the drift in an outward pass and its return before the data."""
 REVERSAL_CHANGE_UM = 2.0
-"""Standard uncertainty of what reversal changes from end to end of an axis before the data. Drift and a reversal that grows along
-the axis look alike between the outward pass and its return: neither is ever taken for smaller than this, or it would hide in the other."""
+"""Standard uncertainty of what reversal changes from end to end of an axis before the data. Drift
+and a reversal that grows along the axis look alike between the outward pass and its return: neither
+is ever taken for smaller than this, or it would hide in the other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,12 +51,15 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
         axis, component = divmod(ROTATIONS.index(name), 3)
         angle_at_nodes(known, name, layout.volume)
         at_corner = np.interp(layout.volume.origin_mm[axis], known.position_mm, known.value_urad)
-        total += arms[:, axis, component] * (np.interp(layout.position_mm[:, axis], known.position_mm, known.value_urad) - at_corner)
+        total += arms[:, axis, component] * (
+            np.interp(layout.position_mm[:, axis], known.position_mm, known.value_urad) - at_corner
+        )
     return total
 
 
 def has_stated_u(angles: Angles) -> bool:
-    """Return whether any angular function comes with an uncertainty: then it is an observation, not a constant."""
+    """Return whether any angular function comes with an uncertainty: then it is an observation, not
+    a constant."""
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 
@@ -72,15 +77,29 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     if 1 in columns.parts:
         for index, name in enumerate(ROTATIONS if not free_angles else ()):
             nodes = columns.of(1, *divmod(index, 3))
-            pieces.append((nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design)))
+            pieces.append(
+                (nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design))
+            )
     held = sum(len(column) for column, _, _ in pieces)
-    changes = [_reversal_changes(columns, *divmod(index, 3)) for index in range(9 if 2 in columns.parts else 0)]
+    changes = [
+        _reversal_changes(columns, *divmod(index, 3))
+        for index in range(9 if 2 in columns.parts else 0)
+    ]
     pieces += [(*change, REVERSAL_CHANGE_UM / np.sqrt(columns.nodes)) for change in changes]
-    drifts = np.arange(columns.drift, columns.line)[:, None] if changes else np.zeros((0, 1), dtype=np.int64)
-    pieces.append((drifts, np.ones(drifts.shape), DRIFT_UM / np.array(design.drift_spans[: len(drifts)])))
+    drifts = (
+        np.arange(columns.drift, columns.line)[:, None]
+        if changes
+        else np.zeros((0, 1), dtype=np.int64)
+    )
+    pieces.append(
+        (drifts, np.ones(drifts.shape), DRIFT_UM / np.array(design.drift_spans[: len(drifts)]))
+    )
     moves = np.arange(columns.miss, columns.count)[:, None]
     pieces.append((moves, np.ones(moves.shape), 1.0))
-    groups = np.split(np.arange(held, held + len(changes) * columns.nodes + len(drifts)), [len(changes) * columns.nodes])
+    groups = np.split(
+        np.arange(held, held + len(changes) * columns.nodes + len(drifts)),
+        [len(changes) * columns.nodes],
+    )
     width = max((column.shape[1] for column, _, _ in pieces), default=1)
     column = [np.pad(column, ((0, 0), (0, width - column.shape[1]))) for column, _, _ in pieces]
     value = [np.pad(value, ((0, 0), (0, width - value.shape[1]))) for _, value, _ in pieces]
@@ -91,15 +110,25 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
         columns.count,
     )
     misses = np.arange(len(rows) - len(moves), len(rows))
-    return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]), found=tuple(group for group in groups if len(group)), misses=misses)
+    return Prior(
+        rows=rows,
+        u=np.concatenate([np.zeros(0), *u]),
+        found=tuple(group for group in groups if len(group)),
+        misses=misses,
+    )
 
 
 def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
-    """Return what the error of each given function's first position does to the ``count`` rows of `make_prior`, shape (count, k).
+    """Return what the error of each given function's first position does to the ``count`` rows of
+    `make_prior`, shape (count, k).
 
     A head's angles are relative to the first position: its error is in all the others.
     """
-    names = [name for name in ROTATIONS if name in angles and np.isfinite(angles[name].u_urad[0])] if 1 in design.columns.parts else []
+    names = (
+        [name for name in ROTATIONS if name in angles and np.isfinite(angles[name].u_urad[0])]
+        if 1 in design.columns.parts
+        else []
+    )
     pattern = np.zeros((count, len(names)))
     for place, name in enumerate(names):
         first = ROTATIONS.index(name) * design.columns.nodes
@@ -120,11 +149,14 @@ def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
     return floored
 
 
-def _reversal_changes(columns: Columns, axis: int, component: int) -> tuple[NDArray[np.int64], Vector]:
+def _reversal_changes(
+    columns: Columns, axis: int, component: int
+) -> tuple[NDArray[np.int64], Vector]:
     """Return the rows that set the change of a reversal function from node to node to zero.
 
-    Backlash hardly depends on where the axis stands; and a reversal that grows along all axes at once looks like drift between the
-    outward and the return pass, which is the more likely of the two.
+    Backlash hardly depends on where the axis stands; and a reversal that grows along all axes at
+    once looks like drift between the outward and the return pass, which is the more likely of the
+    two.
     """
     at = columns.of(2, axis, component)
     value = np.column_stack([np.ones(len(at)), -1.0 * (np.arange(len(at)) > 0)])

@@ -28,7 +28,8 @@ class Quantities:
     """Combinations of unknowns, a row each, with the name of each (EXX .. ECZ, C0Y .. A0Z, X Y Z
     for the scales) and its node.
 
-    Units: um, urad, um/m; the node of a number is 0. A rotation keeps all its nodes 1 .. n: its slope is the machine's own.
+    Units: um, urad, um/m; the node of a number is 0. A rotation keeps all its nodes 1 .. n: its
+    slope is the machine's own.
     """
 
     names: tuple[str, ...]
@@ -46,31 +47,58 @@ class Quantities:
 
     def select(self, kept: NDArray[np.int64]) -> "Quantities":
         """Return some of the quantities, in this order."""
-        combination = Rows(self.combination.column[kept], self.combination.value[kept], self.combination.count)
-        return Quantities(names=tuple(self.names[row] for row in kept.tolist()), node=self.node[kept], combination=combination)
+        combination = Rows(
+            self.combination.column[kept], self.combination.value[kept], self.combination.count
+        )
+        return Quantities(
+            names=tuple(self.names[row] for row in kept.tolist()),
+            node=self.node[kept],
+            combination=combination,
+        )
 
 
 def quantities(columns: Columns, volume: Volume) -> Quantities:
-    """Return all quantities of a design: nine shapes, the rotations where they are unknowns, three squarenesses, three scales."""
+    """Return all quantities of a design: nine shapes, the rotations where they are unknowns, three
+    squarenesses, three scales."""
     inner, every = np.arange(1, columns.nodes), np.arange(1, columns.nodes + 1)
     pieces: list[tuple[str, NDArray[np.int64], NDArray[np.int64], Vector]] = []
     for index, name in enumerate(DISPLACEMENTS):
         at = columns.of(DISPLACEMENT_PART, *divmod(index, 3))
         ends = np.column_stack([at[:-1], np.full(len(inner), at[-1])])
-        pieces.append((name, inner, ends, np.column_stack([np.ones(len(inner)), -inner / columns.nodes])))
+        pieces.append(
+            (name, inner, ends, np.column_stack([np.ones(len(inner)), -inner / columns.nodes]))
+        )
     for index, name in enumerate(ROTATIONS if ROTATION_PART in columns.parts else ()):
         at = columns.of(ROTATION_PART, *divmod(index, 3))
-        pieces.append((name, every, np.column_stack([at, at]), np.column_stack([np.ones(len(at)), np.zeros(len(at))])))
-    slopes = {name: ((first, second, sign), (second, first, sign)) for name, (first, second, sign) in _SHEARS.items()}
-    slopes |= {letter: ((axis, axis, 1.0), (axis, axis, 0.0)) for axis, letter in enumerate(AXIS_LETTERS)}
+        pieces.append(
+            (
+                name,
+                every,
+                np.column_stack([at, at]),
+                np.column_stack([np.ones(len(at)), np.zeros(len(at))]),
+            )
+        )
+    slopes = {
+        name: ((first, second, sign), (second, first, sign))
+        for name, (first, second, sign) in _SHEARS.items()
+    }
+    slopes |= {
+        letter: ((axis, axis, 1.0), (axis, axis, 0.0)) for axis, letter in enumerate(AXIS_LETTERS)
+    }
     for name, terms in slopes.items():
-        ends = np.array([[columns.of(DISPLACEMENT_PART, axis, component)[-1] for component, axis, _ in terms]])
+        ends = np.array(
+            [[columns.of(DISPLACEMENT_PART, axis, component)[-1] for component, axis, _ in terms]]
+        )
         rise = np.array([[1e3 * sign / volume.length_mm[axis] for _, axis, sign in terms]])
         pieces.append((name, np.zeros(1, dtype=np.int64), ends, rise))
     return Quantities(
         names=tuple(name for name, nodes, _, _ in pieces for _ in nodes),
         node=np.concatenate([nodes for _, nodes, _, _ in pieces]),
-        combination=Rows(np.vstack([at for *_, at, _ in pieces]), np.vstack([value for *_, value in pieces]), columns.count),
+        combination=Rows(
+            np.vstack([at for *_, at, _ in pieces]),
+            np.vstack([value for *_, value in pieces]),
+            columns.count,
+        ),
     )
 
 
@@ -80,11 +108,18 @@ def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
     """
     lattice = np.linspace(0, volume.increments, LATTICE).round().astype(np.int64)
     points = np.stack(np.meshgrid(*[lattice] * 3), axis=-1).reshape(-1, 3)
-    effects = [_effects_um(found.node[found.of(name)], name, points, volume, chain) for name in found.groups]
-    return np.concatenate([np.zeros((len(points), 3, 0)), *effects], axis=2)  # of one increment nothing may be left but slopes
+    effects = [
+        _effects_um(found.node[found.of(name)], name, points, volume, chain)
+        for name in found.groups
+    ]
+    return np.concatenate(
+        [np.zeros((len(points), 3, 0)), *effects], axis=2
+    )  # of one increment nothing may be left but slopes
 
 
-def _effects_um(nodes: NDArray[np.int64], name: str, points: NDArray[np.int64], volume: Volume, chain: str) -> Vector:
+def _effects_um(
+    nodes: NDArray[np.int64], name: str, points: NDArray[np.int64], volume: Volume, chain: str
+) -> Vector:
     """Return the effect of a unit of each value of a quantity on the error at each point of the
     lattice, shape (points, 3, nodes).
     """
@@ -100,7 +135,11 @@ def _effects_um(nodes: NDArray[np.int64], name: str, points: NDArray[np.int64], 
     rotates = name in ROTATIONS
     axis, component = divmod((ROTATIONS if rotates else DISPLACEMENTS).index(name), 3)
     unit = np.eye(3)[component]
-    moved = np.cross(unit, abbe_mask(chain)[axis] * from_corner_m) if rotates else np.broadcast_to(unit, from_corner_m.shape)
+    moved = (
+        np.cross(unit, abbe_mask(chain)[axis] * from_corner_m)
+        if rotates
+        else np.broadcast_to(unit, from_corner_m.shape)
+    )
     there = points[:, axis, None] == nodes
     effect: Vector = moved[:, :, None] * there[:, None, :]
     return effect

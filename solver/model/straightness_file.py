@@ -1,7 +1,9 @@
-"""The straightness file: what a 4-DOF head or a straightedge measured, for a survey whose diagonals were taken with other software.
+"""The straightness file: what a 4-DOF head or a straightedge measured, for a survey whose diagonals
+were taken with other software.
 
-``position_mm``, optionally ``approach``, and for each function ``EYX_um`` and ``u_EYX_um``. An empty field is no value. ``approach`` is 1
-where the axis travelled in +, -1 where in -, 0 or empty for the mean of both.
+``position_mm``, optionally ``approach``, and for each function ``EYX_um`` and ``u_EYX_um``. An
+empty field is no value. ``approach`` is 1 where the axis travelled in +, -1 where in -, 0 or empty
+for the mean of both.
 """
 
 import math
@@ -20,33 +22,58 @@ LEAST_POSITIONS = 3
 """Two positions make a straight line of any guideway."""
 
 
-def parse_straightness(text: str, source: str = "straightness.csv") -> tuple[MeasuredStraightness, ...]:
+def parse_straightness(
+    text: str, source: str = "straightness.csv"
+) -> tuple[MeasuredStraightness, ...]:
     """Return an entry per function and direction of a straightness file.
 
-    Raises ``DataError`` naming line or column for anything else: an unknown column, a value without its uncertainty, a position twice.
+    Raises ``DataError`` naming line or column for anything else: an unknown column, a value without
+    its uncertainty, a position twice.
     """
     table = read_table(text, source, ("position_mm",))
     names = _functions(list(table[0][1]), source)
     known: list[MeasuredStraightness] = []
     for name in names:
-        rows = [row for number, fields in table if (row := _row(fields, name, f"{source}: line {number}")) is not None]
+        rows = [
+            row
+            for number, fields in table
+            if (row := _row(fields, name, f"{source}: line {number}")) is not None
+        ]
         ways = sorted({row[0] for row in rows}, reverse=True)
-        known += [_function(name, way, sorted(row[1:] for row in rows if row[0] == way), f"{source}: {name}") for way in ways]
+        known += [
+            _function(
+                name, way, sorted(row[1:] for row in rows if row[0] == way), f"{source}: {name}"
+            )
+            for way in ways
+        ]
     if not known:
         raise DataError(source, expected=message("value-straightness"), found=message("empty-only"))
     return tuple(known)
 
 
 def _functions(columns: list[str], source: str) -> list[str]:
-    names = [column.removesuffix("_um") for column in columns if column not in ("position_mm", "approach") and not column.startswith("u_")]
+    names = [
+        column.removesuffix("_um")
+        for column in columns
+        if column not in ("position_mm", "approach") and not column.startswith("u_")
+    ]
     unknown = [name for name in names if name not in STRAIGHTNESS]
     if unknown or not names:
         expected = message("columns-such", names=STRAIGHTNESS)
-        raise DataError(f"{source}: header", expected=expected, found=unknown[0] if unknown else ",".join(columns))
+        raise DataError(
+            f"{source}: header",
+            expected=expected,
+            found=unknown[0] if unknown else ",".join(columns),
+        )
     alone = [name for name in names if f"u_{name}_um" not in columns]
     if alone:
         remedy = message("state-u")
-        raise DataError(f"{source}: header", expected=message("column-u-um", alone=alone[0]), found=message("none"), remedy=remedy)
+        raise DataError(
+            f"{source}: header",
+            expected=message("column-u-um", alone=alone[0]),
+            found=message("none"),
+            remedy=remedy,
+        )
     return names
 
 
@@ -61,20 +88,31 @@ def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, flo
     if u == 0.0:
         raise DataError(f"{where}: u_{name}_um", expected=message("u-above"), found="0")
     if not math.isnan(approach) and approach not in (-1.0, 0.0, 1.0):
-        raise DataError(f"{where}: approach", expected=message("sign-or-zero"), found=f"{approach:g}")
+        raise DataError(
+            f"{where}: approach", expected=message("sign-or-zero"), found=f"{approach:g}"
+        )
     return (0 if math.isnan(approach) else int(approach), position, value, u)
 
 
-def _function(name: str, approach: int, rows: Sequence[tuple[float, float, float]], where: str) -> MeasuredStraightness:
+def _function(
+    name: str, approach: int, rows: Sequence[tuple[float, float, float]], where: str
+) -> MeasuredStraightness:
     if len(rows) < LEAST_POSITIONS:
-        raise DataError(where, expected=message("values-at", count=LEAST_POSITIONS), found=str(len(rows)))
+        raise DataError(
+            where, expected=message("values-at", count=LEAST_POSITIONS), found=str(len(rows))
+        )
     position, value, u = (np.array(column) for column in zip(*rows, strict=True))
     if np.any(np.diff(position) == 0):
         at = position[int(np.argmin(np.diff(position)))]
         raise DataError(
-            where, expected=message("position-once-way"), found=message("twice-mm", place_mm=at), remedy=message("average-repeated-runs")
+            where,
+            expected=message("position-once-way"),
+            found=message("twice-mm", place_mm=at),
+            remedy=message("average-repeated-runs"),
         )
-    return MeasuredStraightness(name=name, position_mm=position, value_um=value, u_um=u, approach=approach)
+    return MeasuredStraightness(
+        name=name, position_mm=position, value_um=value, u_um=u, approach=approach
+    )
 
 
 def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
@@ -86,7 +124,10 @@ def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
     for approach in sorted({one.approach for one in measured}, reverse=True):
         mine = {one.name: one for one in measured if one.approach == approach}
         places = sorted({float(position) for one in mine.values() for position in one.position_mm})
-        lines += [f"{at:.6f},{approach}," + ",".join(_fields(mine.get(name), at) for name in names) for at in places]
+        lines += [
+            f"{at:.6f},{approach}," + ",".join(_fields(mine.get(name), at) for name in names)
+            for at in places
+        ]
     return "\n".join(lines) + "\n"
 
 

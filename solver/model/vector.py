@@ -1,4 +1,5 @@
-"""Wang's closed form for four body step diagonals (Wang 2000, Eqs 3-8 and 12-13), as printed and as corrected.
+"""Wang's closed form for four body step diagonals (Wang 2000, Eqs 3-8 and 12-13), as printed and as
+corrected.
 
 Gaps of the printed text are filled as the paper intends (theory 3):
 
@@ -6,9 +7,10 @@ Gaps of the printed text are filled as the paper intends (theory 3):
   of the axis' *position* from its low end (E6). An axis that runs backwards contributes with
   opposite sign and reversed order (E7); raw increments in the order of time would be wrong by tens
   of um.
-- lower-case x/R, y/R, z/R of Eqs 4-6 are the capitals (E8). In Eqs 12-13 X, Y, Z, R are the whole travels and dR is the deviation
-  from start to end in the direction of travel (E4, E6).
-- The thetas have the sign of Eqs 12-13, which is the opposite of Eqs 9-11 (E3): theta_xy = -C0Y, theta_zx = +B0Z, theta_yz = -A0Z.
+- lower-case x/R, y/R, z/R of Eqs 4-6 are the capitals (E8). In Eqs 12-13 X, Y, Z, R are the whole
+  travels and dR is the deviation from start to end in the direction of travel (E4, E6).
+- The thetas have the sign of Eqs 12-13, which is the opposite of Eqs 9-11 (E3): theta_xy = -C0Y,
+  theta_zx = +B0Z, theta_yz = -A0Z.
 
 The printed equations take mirror tilt for machine error (up to 420 um/m for 0.5 mrad) and scale
 errors for squareness (E5). The least-squares form uses all four equations, removes end-point lines
@@ -36,8 +38,9 @@ CLOSURE = np.array([1.0, -1.0, -1.0, -1.0])
 class DiagonalData:
     """The four diagonals sorted as in Wang's section III.I.
 
-    ``by_position_um`` (diagonal, axis, n+1): deviation of the moves of an axis, cumulated by position. ``end_um`` (diagonal,):
-    deviation from start to end in the direction of travel. ``passes`` (diagonal,): how many passes were averaged.
+    ``by_position_um`` (diagonal, axis, n+1): deviation of the moves of an axis, cumulated by
+    position. ``end_um`` (diagonal,): deviation from start to end in the direction of travel.
+    ``passes`` (diagonal,): how many passes were averaged.
     """
 
     volume: Volume
@@ -48,7 +51,8 @@ class DiagonalData:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorSolution:
-    """``error_um`` (component, axis, n+1): E_x(x) is [0, 0], E_x(y) is [0, 1]; ``theta_urad``: xy, zx, yz with the sign of Eq. 12.
+    """``error_um`` (component, axis, n+1): E_x(x) is [0, 0], E_x(y) is [0, 1]; ``theta_urad``: xy,
+    zx, yz with the sign of Eq. 12.
 
     ``scale_sum_um`` is S = sum L^2 scale / R, None where the method assumes it zero.
     """
@@ -72,7 +76,14 @@ def diagonal_data(layout: Layout) -> DiagonalData:
             found="no " + ", ".join(missing),
             remedy=message("use-estimate-takes"),
         )
-    parts = [[_one_pass(layout, index) for index, key in enumerate(layout.passes) if key.setup == diagonal] for diagonal in BODY_DIAGONALS]
+    parts = [
+        [
+            _one_pass(layout, index)
+            for index, key in enumerate(layout.passes)
+            if key.setup == diagonal
+        ]
+        for diagonal in BODY_DIAGONALS
+    ]
     return DiagonalData(
         volume=layout.volume,
         by_position_um=np.array([np.mean([moves for moves, _ in part], axis=0) for part in parts]),
@@ -82,16 +93,23 @@ def diagonal_data(layout: Layout) -> DiagonalData:
 
 
 def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
-    """Return the cumulated deviations by position (axis, n+1) and the end-to-end deviation of a pass, return passes turned outward."""
+    """Return the cumulated deviations by position (axis, n+1) and the end-to-end deviation of a
+    pass, return passes turned outward."""
     rows = np.flatnonzero(layout.pass_index == index)
     n = layout.volume.increments
     if len(rows) != 3 * n + 1:
-        raise DataError(f"{layout.source}: {layout.passes[index]}", expected=message("stops-as", count=3 * n + 1), found=f"{len(rows)}")
+        raise DataError(
+            f"{layout.source}: {layout.passes[index]}",
+            expected=message("stops-as", count=3 * n + 1),
+            found=f"{len(rows)}",
+        )
     if np.any(np.diff(layout.zero_index[rows])):
         lost = int(layout.stop[rows][int(np.argmax(np.diff(layout.zero_index[rows]) != 0)) + 1])
         found = message("count-lost", stop=lost)
         where = f"{layout.source}: {layout.passes[index]}"
-        raise DataError(where, expected=message("unbroken-count"), found=found, remedy=message("estimate-or"))
+        raise DataError(
+            where, expected=message("unbroken-count"), found=found, remedy=message("estimate-or")
+        )
     lower, fraction = between_nodes(layout.volume, layout.position_mm[rows])
     node = lower + np.round(fraction).astype(np.int64)
     step = np.diff(node, axis=0)
@@ -99,38 +117,53 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
     increments = np.zeros((3, n))
     for axis in range(3):
         moved = step[:, axis] != 0
-        increments[axis, np.minimum(node[:-1, axis], node[1:, axis])[moved]] = (step[:, axis] * rise)[moved]
+        increments[axis, np.minimum(node[:-1, axis], node[1:, axis])[moved]] = (
+            step[:, axis] * rise
+        )[moved]
     sense = 1.0 if layout.passes[index].outward else -1.0
     cumulated = np.hstack([np.zeros((3, 1)), np.cumsum(increments, axis=1)])
     return cumulated, sense * float(layout.deviation_um[rows[-1]] - layout.deviation_um[rows[0]])
 
 
 def wang2000(data: DiagonalData) -> VectorSolution:
-    """Return Eqs 7, 8 and 13 as printed: two of the four diagonals for each component, all slopes kept."""
+    """Return Eqs 7, 8 and 13 as printed: two of the four diagonals for each component, all slopes
+    kept."""
     size, diagonal = _sizes(data.volume)
     f = data.by_position_um
-    error = np.array([(f[0] - f[1 + component]) * diagonal / (2 * size[component]) for component in range(3)])
+    error = np.array(
+        [(f[0] - f[1 + component]) * diagonal / (2 * size[component]) for component in range(3)]
+    )
     ppp, npp, pnp, ppn = data.end_um
     pairs = {"xy": ppp + ppn, "zx": ppp + pnp, "yz": ppp + npp}
-    theta = {plane: float(total) * 1e3 * diagonal / (2 * _area(plane, size)) for plane, total in pairs.items()}
+    theta = {
+        plane: float(total) * 1e3 * diagonal / (2 * _area(plane, size))
+        for plane, total in pairs.items()
+    }
     return VectorSolution(error_um=error, theta_urad=theta, scale_sum_um=None)
 
 
 def least_squares(data: DiagonalData) -> VectorSolution:
-    """Return the least squares of all four equations with end-point lines removed, and the 4-term squareness (theory E5, E14)."""
+    """Return the least squares of all four equations with end-point lines removed, and the 4-term
+    squareness (theory E5, E14)."""
     size, diagonal = _sizes(data.volume)
-    error = np.einsum("dc,dan->can", SIGNS, data.by_position_um) * diagonal / (4 * size[:, None, None])
+    error = (
+        np.einsum("dc,dan->can", SIGNS, data.by_position_um) * diagonal / (4 * size[:, None, None])
+    )
     ppp, npp, pnp, ppn = data.end_um
     terms = {"xy": ppp - npp - pnp + ppn, "zx": ppp - npp + pnp - ppn, "yz": ppp + npp - pnp - ppn}
     return VectorSolution(
         error_um=without_end_line(error),
-        theta_urad={plane: float(total) * 1e3 * diagonal / (4 * _area(plane, size)) for plane, total in terms.items()},
+        theta_urad={
+            plane: float(total) * 1e3 * diagonal / (4 * _area(plane, size))
+            for plane, total in terms.items()
+        },
         scale_sum_um=float(np.sum(data.end_um)) / 4,
     )
 
 
 def closure_um(data: DiagonalData) -> Vector:
-    """Return the closure residual r(axis, node), shape (3, n+1), its end-point line (mirror tilt) removed (theory E14, 6.5).
+    """Return the closure residual r(axis, node), shape (3, n+1), its end-point line (mirror tilt)
+    removed (theory E14, 6.5).
 
     The residual should be noise of twice a single deviation. A small residual does not prove the
     absence of angular errors (theory 5.3).
@@ -139,7 +172,8 @@ def closure_um(data: DiagonalData) -> Vector:
 
 
 def without_end_line(values: Vector) -> Vector:
-    """Return functions (.., n+1), zero at the first node, with the line to their last node removed."""
+    """Return functions (.., n+1), zero at the first node, with the line to their last node
+    removed."""
     share = np.arange(values.shape[-1]) / (values.shape[-1] - 1)
     shape: Vector = values - values[..., -1:] * share
     return shape

@@ -23,13 +23,20 @@ WORTH_SAYING_C = 0.1
 
 
 def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
-    """Return how much warmer the machine was in each reading's pass than on the mean of the survey, shape (m,).
+    """Return how much warmer the machine was in each reading's pass than on the mean of the survey,
+    shape (m,).
 
-    The mean of a pass counts: a thermometer's resolution must not become noise of the stops. Zero everywhere where a reading has no
-    temperature, where all have the same, and where the readings were reduced to 20 C before.
+    The mean of a pass counts: a thermometer's resolution must not become noise of the stops. Zero
+    everywhere where a reading has no temperature, where all have the same, and where the readings
+    were reduced to 20 C before.
     """
     known = layout.temperature_c
-    if assumed.reduced_to_20_c or not len(known) or not np.all(np.isfinite(known)) or np.ptp(known) <= STEADY_C:
+    if (
+        assumed.reduced_to_20_c
+        or not len(known)
+        or not np.all(np.isfinite(known))
+        or np.ptp(known) <= STEADY_C
+    ):
         return np.zeros(len(known))
     of_pass = np.bincount(layout.pass_index, weights=known) / np.bincount(layout.pass_index)
     warmer: Vector = of_pass[layout.pass_index] - np.mean(known)
@@ -37,7 +44,8 @@ def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
 
 
 def counted_mm(layout: Layout) -> Vector:
-    """Return the commanded travel since the zero of each reading's count along its direction, axis by axis, shape (m, 3)."""
+    """Return the commanded travel since the zero of each reading's count along its direction, axis
+    by axis, shape (m, 3)."""
     first = np.unique(layout.zero_index, return_index=True)[1]
     number = np.searchsorted(layout.zero_index[first], layout.zero_index)
     travelled: Vector = (layout.position_mm - layout.position_mm[first][number]) * layout.direction
@@ -52,14 +60,29 @@ def at_one_temperature(layout: Layout, assumed: Assumptions) -> Layout:
     if not np.any(warmer):
         return layout
     grown = 1e-3 * (counted_mm(layout) @ np.array(assumed.expansion_um_m_c)) * warmer
-    return replace(layout, deviation_um=layout.deviation_um - grown, findings=(*layout.findings, *_remarks(layout, assumed)))
+    return replace(
+        layout,
+        deviation_um=layout.deviation_um - grown,
+        findings=(*layout.findings, *_remarks(layout, assumed)),
+    )
 
 
 def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
     low, mean, high = (float(of(layout.temperature_c)) for of in (np.min, np.mean, np.max))
     if high - low < WORTH_SAYING_C:
         return ()
-    return (finding("info", message("temperature-levelled", low_c=low, high_c=high, mean_c=mean, expansions=expansions(assumed))),)
+    return (
+        finding(
+            "info",
+            message(
+                "temperature-levelled",
+                low_c=low,
+                high_c=high,
+                mean_c=mean,
+                expansions=expansions(assumed),
+            ),
+        ),
+    )
 
 
 def expansions(assumed: Assumptions) -> list[Message]:

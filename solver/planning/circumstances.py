@@ -17,10 +17,12 @@ PITCH_AND_YAW = tuple(name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTER
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """``head``: there is an instrument of angles; ``head_turns``: the functions that its runs measure, pitch and yaw of a 4-DOF head, and
-    ``head_u_urad`` how well. ``shift_mm``: how far a beam or a mirror can be shifted beside its usual line. ``aim``: what the control that
-    is to be corrected holds; ``zone``: where in the volume it has to be right. ``in_step``: increments that meet a wave of the screws
-    always in the same place. ``dwells_s``: how long the machine may stand at each stop beside what is planned.
+    """``head``: there is an instrument of angles; ``head_turns``: the functions that its runs
+    measure, pitch and yaw of a 4-DOF head, and ``head_u_urad`` how well. ``shift_mm``: how far a
+    beam or a mirror can be shifted beside its usual line. ``aim``: what the control that is to be
+    corrected holds; ``zone``: where in the volume it has to be right. ``in_step``: increments that
+    meet a wave of the screws always in the same place. ``dwells_s``: how long the machine may stand
+    at each stop beside what is planned.
     """
 
     chain: str = "FXYZ"
@@ -39,7 +41,10 @@ class Circumstances:
         return self.assumed.reading_um * sqrt(USUAL_DWELL_S / dwell_s)
 
     def head_ranges_urad(self, runs: Iterable[Run]) -> dict[str, float]:
-        """Return the ranges of the functions that runs of the head measure, known to its uncertainty."""
+        """Return the ranges of the functions that runs of the head measure, known to its
+        uncertainty."""
         axes = {run.travel.axis.upper() for run in runs if run.is_fourdof}
         names = [name for name in self.head_turns if name[2] in axes]
-        return {name: min(2.0 * self.head_u_urad, self.assumed.angle_range_urad(name)) for name in names}
+        return {
+            name: min(2.0 * self.head_u_urad, self.assumed.angle_range_urad(name)) for name in names
+        }

@@ -1,4 +1,5 @@
-"""The uncertainty that a survey will have, from where its stops are: the model of the adjustment without a reading."""
+"""The uncertainty that a survey will have, from where its stops are: the model of the adjustment
+without a reading."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,12 @@ from stepdiag.base.result.waves import CURVED
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.adjustment.slips import KINDS, slips_report
-from stepdiag.solver.linear.families import class_factors, hidden_factors, likely_factors, normal_points
+from stepdiag.solver.linear.families import (
+    class_factors,
+    hidden_factors,
+    likely_factors,
+    normal_points,
+)
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.model.design import Design, Model, build_design
@@ -40,12 +46,20 @@ BENT = 6.7
 through n + 1 targets and the straight lines of tables, over shape / n^2 (root mean square over the
 travel; measured on drawn functions).
 """
-_OF_FEW = {1: (0.93, 0.0), 2: (0.66, 0.20), 3: (0.49, 0.22), 4: (0.33, 0.19), 5: (0.23, 0.16), 6: (0.09, 0.15)}
+_OF_FEW = {
+    1: (0.93, 0.0),
+    2: (0.66, 0.20),
+    3: (0.49, 0.22),
+    4: (0.33, 0.19),
+    5: (0.23, 0.16),
+    6: (0.09, 0.15),
+}
 """Both over shape for few increments: there the powers give up to twice the residue of drawn
 functions over the volume.
 """
 ALIKE = 0.2
-"""Standard deviation of the logarithm of what nine drawn functions of one shape leave together between their targets."""
+"""Standard deviation of the logarithm of what nine drawn functions of one shape leave together
+between their targets."""
 _NEXT_TO_NONE = 1e-3
 
 
@@ -89,29 +103,36 @@ class Foresight:
 
     @cached_property
     def u(self) -> dict[str, float]:
-        """Return the standard uncertainties (k = 1) that the adjustment of these stops will state, by name: root mean square over a
-        function's nodes, absent where not identified."""
+        """Return the standard uncertainties (k = 1) that the adjustment of these stops will state,
+        by name: root mean square over a function's nodes, absent where not identified."""
         found = uncertainties(self.by_setup, self.information, self.of)
         return {name: u for name, u in found.items() if self.known[name]}
 
     @cached_property
     def volumetric_um(self) -> float:
-        """Return the standard uncertainty of the error vector over the volume; the straight lines of tables are not counted.
+        """Return the standard uncertainty of the error vector over the volume; the straight lines
+        of tables are not counted.
 
         Unidentified quantities may be larger than usual, all by a common factor.
         """
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
-        return float(np.linalg.norm([self.full[0], larger * self.missed[1], self.curved_um, self.hidden_um]))
+        return float(
+            np.linalg.norm([self.full[0], larger * self.missed[1], self.curved_um, self.hidden_um])
+        )
 
     @cached_property
     def full(self) -> tuple[float, float]:
-        """Return root mean square over the volume and degrees of freedom with everything as usual."""
+        """Return root mean square over the volume and degrees of freedom with everything as
+        usual."""
         return self.of.over(self.information, self.of.precision())
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return which of the usual rows stand for what will not be identified, and the root mean square of that over the volume."""
-        missing = np.array([not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_)
+        """Return which of the usual rows stand for what will not be identified, and the root mean
+        square of that over the volume."""
+        missing = np.array(
+            [not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_
+        )
         return missing, _missed_um(self, missing)
 
     @property
@@ -126,14 +147,18 @@ class Foresight:
 
     @cached_property
     def left_um(self) -> Interval:
-        """Return what an ideal compensation will be predicted to leave, at k = 2, as `solver.result.prediction` does after the survey."""
+        """Return what an ideal compensation will be predicted to leave, at k = 2, as
+        `solver.result.prediction` does after the survey."""
         u, of = self.of.usual_u, self.of
         both, freedom = self.full
         quiet = of.over(self.information, of.precision(u, _NEXT_TO_NONE))[0]
         missing, missed = self.missed
         identified = quiet
         if np.any(missing):
-            identified = of.over(self.information, of.precision(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE))[0]
+            identified = of.over(
+                self.information,
+                of.precision(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE),
+            )[0]
         angles = float(np.sqrt(max(both**2 - quiet**2, 0.0) + of.floor_um**2))
         return _left_um(
             identified_um=identified,
@@ -146,19 +171,30 @@ class Foresight:
 
     @cached_property
     def _mixed(self) -> tuple[MixedFit, Design]:
-        design = build_design(self.layout, self.chain, Model(misses=self.assumed.repeatability_um > 0.0))
+        design = build_design(
+            self.layout, self.chain, Model(misses=self.assumed.repeatability_um > 0.0)
+        )
         effects = effects_of(self.layout, self.chain, self.by_setup.shapes, self.assumed)
         prior = make_prior(design, {})
-        u = np.concatenate([Scatter.assumed(self.layout, self.assumed).u_um(self.layout), self.assumed.repeatability_um * prior.u])
-        fixed = fit(design.rows.followed_by(prior.rows), design.blocks, np.zeros(len(u)), 1.0 / u**2)
-        pattern = np.hstack([np.zeros((len(self.layout), 0)), *(effect.pattern_um for effect in effects)])
+        u = np.concatenate(
+            [
+                Scatter.assumed(self.layout, self.assumed).u_um(self.layout),
+                self.assumed.repeatability_um * prior.u,
+            ]
+        )
+        fixed = fit(
+            design.rows.followed_by(prior.rows), design.blocks, np.zeros(len(u)), 1.0 / u**2
+        )
+        pattern = np.hstack(
+            [np.zeros((len(self.layout), 0)), *(effect.pattern_um for effect in effects)]
+        )
         pattern = np.pad(pattern, ((0, len(prior.u)), (0, 0)))
         return MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1])), design
 
     @cached_property
     def unseen(self) -> UnseenSlip | None:
-        """Return the slip of the laser's count on a diagonal that does most harm unseen (`slips_report`), None without a diagonal: only
-        shown surveys need it."""
+        """Return the slip of the laser's count on a diagonal that does most harm unseen
+        (`slips_report`), None without a diagonal: only shown surveys need it."""
         if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
             return None
         found = slips_report(self._mixed[0], self.layout, self._mixed[1])
@@ -175,12 +211,16 @@ class Foresight:
 
 
 def bent_um(assumed: Assumptions, increments: int) -> float:
-    """Return what functions do between targets beside the straight lines of tables, root mean square over the volume."""
-    return float(np.sqrt(9.0)) * assumed.shape_um * float(np.linalg.norm(_between_targets(increments)))
+    """Return what functions do between targets beside the straight lines of tables, root mean
+    square over the volume."""
+    return (
+        float(np.sqrt(9.0)) * assumed.shape_um * float(np.linalg.norm(_between_targets(increments)))
+    )
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return what a function leaves beside the smooth curve through its targets, and that beside straight lines, over its shape."""
+    """Return what a function leaves beside the smooth curve through its targets, and that beside
+    straight lines, over its shape."""
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
 
@@ -192,13 +232,23 @@ def _missed_um(ahead: Foresight, missing: NDArray[np.bool_]) -> float:
         own = np.array(machine.names) == (f"E{name}{name}" if name in AXIS_LETTERS else name)
         if name in AXIS_LETTERS:
             length_m = 1e-3 * volume.size_mm[AXIS_LETTERS.index(name)]
-            total += float(np.sum((size * length_m * (own * machine.node / volume.increments) @ fields) ** 2))
+            total += float(
+                np.sum((size * length_m * (own * machine.node / volume.increments) @ fields) ** 2)
+            )
         else:
             total += float(np.sum((size * fields[own]) ** 2))
     return float(np.sqrt(3.0 * total / fields.shape[1]))
 
 
-def _left_um(*, identified_um: float, missed_um: float, angles_um: float, hidden_um: float, bent_um: float, freedom: float) -> Interval:
+def _left_um(
+    *,
+    identified_um: float,
+    missed_um: float,
+    angles_um: float,
+    hidden_um: float,
+    bent_um: float,
+    freedom: float,
+) -> Interval:
     """Return median and 95 % of the remaining error, over the likely sizes of angles and hidden
     waves and over machines.
 
@@ -209,11 +259,23 @@ def _left_um(*, identified_um: float, missed_um: float, angles_um: float, hidden
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)
-    angles, hidden = angles_um * factor[:, None], hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None]
+    angles, hidden = (
+        angles_um * factor[:, None],
+        hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None],
+    )
     missed = missed_um * class_factors()[:, None]
     # in an order of its own: neither with the angles' sizes nor with the rest
-    machines = np.exp(ALIKE * normal_points(len(factor)))[np.arange(len(factor)) * 4 % len(factor), None]
+    machines = np.exp(ALIKE * normal_points(len(factor)))[
+        np.arange(len(factor)) * 4 % len(factor), None
+    ]
     bent = bent_um * machines / np.sqrt(np.mean(machines**2))
-    square = missed**2 + (identified_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + bent**2
-    low, value, high = (float(end) for end in np.sqrt(np.quantile(square, (BELOW, 0.5, 1.0 - TAIL))))
+    square = (
+        missed**2
+        + (identified_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2
+        + hidden**2
+        + bent**2
+    )
+    low, value, high = (
+        float(end) for end in np.sqrt(np.quantile(square, (BELOW, 0.5, 1.0 - TAIL)))
+    )
     return Interval(value_um=value, low_um=low, high_um=high)

@@ -28,13 +28,16 @@ COARSE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """Runs that would identify what is missing, and the minutes they take with usual set-up times."""
+    """Runs that would identify what is missing, and the minutes they take with usual set-up
+    times."""
 
     runs: tuple[Run, ...]
     minutes: float
 
 
-def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[str]) -> Advice | None:
+def cheapest_runs(
+    layout: Layout, chain: str, model: Model, missing: Sequence[str]
+) -> Advice | None:
     """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None
     if no usual run helps.
 
@@ -42,18 +45,27 @@ def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[st
     left.
     """
     survey = _coarse(layout)
-    design = build_design(lay_out(perfect_readings(survey), layout.source, survey.volume), chain, replace(model, lines=0))
+    design = build_design(
+        lay_out(perfect_readings(survey), layout.source, survey.volume),
+        chain,
+        replace(model, lines=0),
+    )
     null = np.linalg.qr(_seen(design).null)[0]
     found = reported(design)
     asked = found.select(np.concatenate([found.of(name) for name in missing]))
     candidates = {run: _Candidate.of(run, design, model) for run in _usual_runs(model)}
     chosen = _choose(asked, null, candidates)
     full = Plan(volume=layout.volume, runs=())
-    return None if chosen is None else Advice(runs=chosen, minutes=sum(run_minutes(full, run) for run in chosen))
+    return (
+        None
+        if chosen is None
+        else Advice(runs=chosen, minutes=sum(run_minutes(full, run) for run in chosen))
+    )
 
 
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Return which angular functions the readings determine in shape without any assumption on their size (theory 5.2).
+    """Return which angular functions the readings determine in shape without any assumption on
+    their size (theory 5.2).
 
     Setups with a beam line each cannot: nothing is computed for them.
     """
@@ -61,7 +73,9 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
         return ()
     survey = _coarse(layout)
     coarse = lay_out(perfect_readings(survey), layout.source, survey.volume)
-    design = build_design(coarse, chain, Model(angles=True, reversal=any(run.return_pass for run in survey.runs)))
+    design = build_design(
+        coarse, chain, Model(angles=True, reversal=any(run.return_pass for run in survey.runs))
+    )
     found = reported(design)
     seen = _seen(design).sees(found.combination)
     return tuple(name for name in names if bool(np.all(seen[found.of(shape(name))])))
@@ -101,17 +115,39 @@ def _coarse(layout: Layout) -> Plan:
         beam = layout.beam_mm[row] - layout.position_mm[row]
         across = beam - layout.direction[row] * float(beam @ layout.direction[row])
         x, y, z = (float(round(value, 6)) for value in across)
-        runs.append(Run(setup=setup.name, return_pass=any(number % 2 == 0 for number in numbers), beam_offset_mm=(x, y, z)))
-    return Plan(volume=replace(layout.volume, increments=min(COARSE, layout.volume.increments)), runs=tuple(runs))
+        runs.append(
+            Run(
+                setup=setup.name,
+                return_pass=any(number % 2 == 0 for number in numbers),
+                beam_offset_mm=(x, y, z),
+            )
+        )
+    return Plan(
+        volume=replace(layout.volume, increments=min(COARSE, layout.volume.increments)),
+        runs=tuple(runs),
+    )
 
 
-def _choose(asked: Quantities, null: Vector, candidates: dict[Run, "_Candidate"]) -> tuple[Run, ...] | None:
+def _choose(
+    asked: Quantities, null: Vector, candidates: dict[Run, "_Candidate"]
+) -> tuple[Run, ...] | None:
     chosen: list[Run] = []
     hidden = _hidden(asked, null)
     while hidden:
-        left = {run: candidate.narrow(null) for run, candidate in candidates.items() if run not in chosen}
-        gain = {run: (hidden - _hidden(asked, rest), null.shape[1] - rest.shape[1]) for run, rest in left.items()}
-        best = max(gain, key=lambda run: tuple(one / candidates[run].minutes for one in gain[run]), default=None)
+        left = {
+            run: candidate.narrow(null)
+            for run, candidate in candidates.items()
+            if run not in chosen
+        }
+        gain = {
+            run: (hidden - _hidden(asked, rest), null.shape[1] - rest.shape[1])
+            for run, rest in left.items()
+        }
+        best = max(
+            gain,
+            key=lambda run: tuple(one / candidates[run].minutes for one in gain[run]),
+            default=None,
+        )
         if best is None or not any(gain[best]):
             return None
         null, hidden = left[best], hidden - gain[best][0]
@@ -160,4 +196,7 @@ class _Candidate:
 
 def _usual_runs(model: Model) -> Sequence[Run]:
     """Return the runs that a service engineer can add, in a single direction."""
-    return [Run(setup=name, return_pass=model.reversal) for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)]
+    return [
+        Run(setup=name, return_pass=model.reversal)
+        for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)
+    ]

@@ -40,15 +40,31 @@ from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.between import between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design
-from stepdiag.solver.model.effects import FIRST_STOPS, GROWTH, TURNING, AngleShapes, Effect, angle_shapes, effects_of
+from stepdiag.solver.model.effects import (
+    FIRST_STOPS,
+    GROWTH,
+    TURNING,
+    AngleShapes,
+    Effect,
+    angle_shapes,
+    effects_of,
+)
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.reported import reported
-from stepdiag.solver.uncertainty.machine import Machine, fields_um, machine_of, over_volume, usual_names, usual_rows
+from stepdiag.solver.uncertainty.machine import (
+    Machine,
+    fields_um,
+    machine_of,
+    over_volume,
+    usual_names,
+    usual_rows,
+)
 
 Aim = Literal["lattice", "tables"]
 Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
-"""The effects that all setups share beside the angles, and how many causes they have where nothing shows them."""
+"""The effects that all setups share beside the angles, and how many causes they have where nothing
+shows them."""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
 """Precision of unknowns of any size: it makes a matrix regular without information; and sizes of
 displacements without information: for larger sizes rounding is 1e-8.
@@ -57,7 +73,8 @@ displacements without information: for larger sizes rounding is 1e-8.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SetupInformation:
-    """The information of the setups of a layout in its order, shape (setups, q, q), and what its unknowns mean."""
+    """The information of the setups of a layout in its order, shape (setups, q, q), and what its
+    unknowns mean."""
 
     each: Vector
     design: Design
@@ -66,15 +83,24 @@ class SetupInformation:
 
 
 def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
-    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is none."""
+    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is
+    none."""
     design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
-    effects = (*effects_of(layout, chain, shapes, assumed), effect_between(layout, between_of(layout)))
+    effects = (
+        *effects_of(layout, chain, shapes, assumed),
+        effect_between(layout, between_of(layout)),
+    )
     weight = 1.0 / Scatter.assumed(layout, assumed).u_um(layout) ** 2
     common = _common(layout, effects)
-    own = np.hstack([effect.pattern_um for effect in effects if effect.name not in (*TURNING, *COMMON)])
+    own = np.hstack(
+        [effect.pattern_um for effect in effects if effect.name not in (*TURNING, *COMMON)]
+    )
     rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
-    each = [_information(design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um) for mine in rows]
+    each = [
+        _information(design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um)
+        for mine in rows
+    ]
     return SetupInformation(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
 
 
@@ -82,10 +108,22 @@ def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
     """Return the patterns of what all setups share, shape (m, causes): the angles first."""
     patterns = {effect.name: effect.pattern_um for effect in effects}
     turning = [patterns[name] for name in TURNING if name in patterns]
-    return np.hstack([*turning, *(patterns.get(name, np.zeros((len(layout), count))) for name, count in COMMON.items())])
+    return np.hstack(
+        [
+            *turning,
+            *(patterns.get(name, np.zeros((len(layout), count))) for name, count in COMMON.items()),
+        ]
+    )
 
 
-def _information(design: Design, mine: NDArray[np.int64], common: Vector, own: Vector, weight: Vector, repeatability_um: float) -> Vector:
+def _information(
+    design: Design,
+    mine: NDArray[np.int64],
+    common: Vector,
+    own: Vector,
+    weight: Vector,
+    repeatability_um: float,
+) -> Vector:
     machine, rows = design.columns.machine, design.rows.select(mine)
     used = np.unique(rows.column[(rows.value != 0) & (rows.column >= machine)])
     place = np.zeros(design.columns.count, dtype=np.int64)
@@ -95,7 +133,12 @@ def _information(design: Design, mine: NDArray[np.int64], common: Vector, own: V
     own = own[:, np.any(own, axis=0)]
     shared, alone = np.hstack([dense[:, :machine], common]), np.hstack([dense[:, machine:], own])
     misses = used >= design.columns.miss
-    precision = np.concatenate([np.where(misses, repeatability_um**-2 if misses.any() else _FREE, _FREE), np.ones(own.shape[1])])
+    precision = np.concatenate(
+        [
+            np.where(misses, repeatability_um**-2 if misses.any() else _FREE, _FREE),
+            np.ones(own.shape[1]),
+        ]
+    )
     weighted = shared * weight[:, None]
     across = alone.T @ weighted
     square = alone.T @ (alone * weight[:, None]) + np.diag(precision)
@@ -129,19 +172,24 @@ class Machinery:
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
         # no reading shows the rotation of the machine as a whole and no figure counts it: it may
         # have any size
-        of_causes = _ANY_TURN_UM**-2 * (self.causes == 0.0) + self.causes / np.where(self.turning, angles, 1.0) ** 2
+        of_causes = (
+            _ANY_TURN_UM**-2 * (self.causes == 0.0)
+            + self.causes / np.where(self.turning, angles, 1.0) ** 2
+        )
         matrix: Vector = scaled.T @ scaled + np.diag(of_causes)
         return matrix
 
     @property
     def seen(self) -> Vector:
-        """Return H over the number of points, shape (q, q): ``tr(C H)`` is a mean square over the volume."""
+        """Return H over the number of points, shape (q, q): ``tr(C H)`` is a mean square over the
+        volume."""
         across = self.values.T @ self.fields
         matrix: Vector = across @ across.T * 3.0 / self.fields.shape[1]
         return matrix
 
     def over(self, information: Vector, precision: Vector) -> tuple[float, float]:
-        """Return root mean square over the volume of what is not known, in um, and its degrees of freedom."""
+        """Return root mean square over the volume of what is not known, in um, and its degrees of
+        freedom."""
         covariance = self.values @ inverse(information + precision) @ self.values.T
         return over_volume(0.5 * (covariance + covariance.T), self.fields)
 
@@ -154,7 +202,8 @@ def inverse(matrix: Vector) -> Vector:
 
 
 def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
-    """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts, all of it without one."""
+    """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts,
+    all of it without one."""
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
     displacements = design.columns.machine
@@ -163,8 +212,12 @@ def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None =
     values = np.hstack([machine.combination.dense()[:, :displacements], machine.on_causes, rest])
     names = reported(design)
     rows, u = usual_rows(names, dict.fromkeys(names.names, False), assumed)
-    usual = np.hstack([rows.dense()[:, :displacements], np.zeros((len(rows), turning + rest.shape[1]))])
-    fields, angular = _fields(machine.names, tuple(machine.node.tolist()), design.volume, design.chain, aim, zone)
+    usual = np.hstack(
+        [rows.dense()[:, :displacements], np.zeros((len(rows), turning + rest.shape[1]))]
+    )
+    fields, angular = _fields(
+        machine.names, tuple(machine.node.tolist()), design.volume, design.chain, aim, zone
+    )
     size = machine.on_causes @ machine.on_causes.T
     return Machinery(
         machine=machine,
@@ -175,13 +228,19 @@ def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None =
         usual_names=usual_names(names, dict.fromkeys(names.names, False), assumed),
         usual_u=u,
         causes=np.concatenate([np.zeros(displacements), np.ones(turning + rest.shape[1])]),
-        turning=np.concatenate([np.zeros(displacements), np.ones(turning), np.zeros(rest.shape[1])]) > 0,
+        turning=np.concatenate([np.zeros(displacements), np.ones(turning), np.zeros(rest.shape[1])])
+        > 0,
     )
 
 
 @lru_cache(maxsize=8)
 def _fields(
-    names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str, aim: Aim, zone: Zone | None
+    names: tuple[str, ...],
+    node: tuple[int, ...],
+    volume: Volume,
+    chain: str,
+    aim: Aim,
+    zone: Zone | None,
 ) -> tuple[Vector, Vector]:
     """Return the effect of a unit of each value on the error at the points, rigid motion removed,
     as far as the aim corrects it, and its rest, shapes (k, 3 points).
@@ -209,20 +268,26 @@ def _fields(
     return tables, free - tables
 
 
-def determined(found: SetupInformation, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
-    """Return by name whether a survey determines a quantity, and better than it is ``usual``, were the angles known.
+def determined(
+    found: SetupInformation, information: Vector, usual: Mapping[str, float]
+) -> dict[str, bool]:
+    """Return by name whether a survey determines a quantity, and better than it is ``usual``, were
+    the angles known.
 
     In um, urad, um/m. If displacements may have any size, an unseen part is uncertain by this size.
     """
     names, displacements = reported(found.design), found.design.columns.machine
     own = information[:displacements, :displacements] + np.eye(displacements) / _ANYTHING_UM**2
     square = _variances(names.combination.dense()[:, :displacements], inverse(own))
-    return {name: bool(np.mean(square[names.of(name)]) < usual.get(name, _ANYTHING_UM) ** 2) for name in names.groups}
+    return {
+        name: bool(np.mean(square[names.of(name)]) < usual.get(name, _ANYTHING_UM) ** 2)
+        for name in names.groups
+    }
 
 
 def uncertainties(found: SetupInformation, information: Vector, of: Machinery) -> dict[str, float]:
-    """Return by name the root mean square of the standard uncertainty over a function's nodes, from the readings and the usual sizes of
-    causes alone."""
+    """Return by name the root mean square of the standard uncertainty over a function's nodes, from
+    the readings and the usual sizes of causes alone."""
     names, displacements = reported(found.design), found.design.columns.machine
     precision = of.precision(np.full(len(of.usual_u), np.inf))
     covariance = inverse(information + precision)[:displacements, :displacements]

@@ -29,8 +29,9 @@ MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
 """Times for which surveys are sought: each longer than the last by this factor."""
 MAX_INCREMENTS = 20
-"""Finer surveys are forecast on this many increments: angular functions have no more waves then (`effects.MOST_WAVES`), and the uncertainty
-at a node hardly depends on how many others there are."""
+"""Finer surveys are forecast on this many increments: angular functions have no more waves then
+(`effects.MOST_WAVES`), and the uncertainty at a node hardly depends on how many others there
+are."""
 HALVINGS = 2
 """Halvings of the time between a survey that reaches the target and a shorter survey that does
 not.
@@ -65,9 +66,13 @@ class Forecast:
     def ahead(self) -> Foresight:
         """Return its uncertainties."""
         return Foresight(
-            layout=self.layout, chain=self.about.chain, assumed=self.assumed, increments=self.plan.volume.increments,
-            aim=self.about.aim, zone=self.about.zone,
-        )  # fmt: skip
+            layout=self.layout,
+            chain=self.about.chain,
+            assumed=self.assumed,
+            increments=self.plan.volume.increments,
+            aim=self.about.aim,
+            zone=self.about.zone,
+        )
 
     @cached_property
     def _free(self) -> Seen:
@@ -129,11 +134,21 @@ class Advice:
         """Return the first survey of the list that is worth its time beside the planned survey;
         None without such a survey.
         """
-        better = (one for one in self.front if one.left_um.value_um < WORTH * self.forecast.left_um.value_um)
+        better = (
+            one
+            for one in self.front
+            if one.left_um.value_um < WORTH * self.forecast.left_um.value_um
+        )
         return next(better, None)
 
 
-def plan(survey: Plan, about: Circumstances | None = None, *, available_min: float | None = None, target_um: float | None = None) -> Advice:
+def plan(
+    survey: Plan,
+    about: Circumstances | None = None,
+    *,
+    available_min: float | None = None,
+    target_um: float | None = None,
+) -> Advice:
     """Return the forecast, the surveys worth their time, and the best survey within
     ``available_min`` or down to ``target_um``.
     """
@@ -160,14 +175,23 @@ def _times(available_min: float | None) -> list[float]:
     return sorted({time for time in times if time < longest} | {longest})
 
 
-def _found(search: Search, about: Circumstances, limits_min: Sequence[float], target_um: float | None = None) -> list[Forecast]:
-    """Return the best surveys within some times, until the last two are not worth theirs or one reaches a target; the last time is always
-    tried where there is none."""
+def _found(
+    search: Search,
+    about: Circumstances,
+    limits_min: Sequence[float],
+    target_um: float | None = None,
+) -> list[Forecast]:
+    """Return the best surveys within some times, until the last two are not worth theirs or one
+    reaches a target; the last time is always tried where there is none."""
     found: list[Forecast] = []
     for limit in limits_min:
         if target_um is not None and found and found[-1].left_um.value_um <= target_um:
             break
-        if limit == limits_min[-1] or len(found) < 3 or found[-1].left_um.value_um < WORTH * found[-3].left_um.value_um:
+        if (
+            limit == limits_min[-1]
+            or len(found) < 3
+            or found[-1].left_um.value_um < WORTH * found[-3].left_um.value_um
+        ):
             survey = search.within(limit)
             found += [] if survey is None else [forecast(survey, about)]
     return found
@@ -181,7 +205,9 @@ def _worth(found: list[Forecast]) -> tuple[Forecast, ...]:
     return tuple(named[-MOST_NAMED:])
 
 
-def _down_to(search: Search, about: Circumstances, found: list[Forecast], target_um: float) -> Forecast | None:
+def _down_to(
+    search: Search, about: Circumstances, found: list[Forecast], target_um: float
+) -> Forecast | None:
     """Return the shortest survey found that leaves no more than a target."""
     reaching = [one for one in found if one.left_um.value_um <= target_um]
     if not reaching:
@@ -190,14 +216,25 @@ def _down_to(search: Search, about: Circumstances, found: list[Forecast], target
     low = max((one.minutes for one in found if one.minutes < best.minutes), default=0.0)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + best.minutes)
-        shorter = next((one for one in _found(search, about, [middle]) if one.left_um.value_um <= target_um), None)
+        shorter = next(
+            (one for one in _found(search, about, [middle]) if one.left_um.value_um <= target_um),
+            None,
+        )
         low, best = (middle, best) if shorter is None else (low, shorter)
     return best
 
 
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
-    """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
-    coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
-    layout = lay_out(perfect_readings(coarse, about.reading_um(survey.pace.dwell_s)), "plan", coarse.volume)
+    """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the
+    laser."""
+    coarse = replace(
+        survey,
+        volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)),
+    )
+    layout = lay_out(
+        perfect_readings(coarse, about.reading_um(survey.pace.dwell_s)), "plan", coarse.volume
+    )
     angles = {**about.assumed.angle_urad, **about.head_ranges_urad(survey.runs)}
-    return Forecast(plan=survey, layout=layout, about=about, assumed=replace(about.assumed, angle_urad=angles))
+    return Forecast(
+        plan=survey, layout=layout, about=about, assumed=replace(about.assumed, angle_urad=angles)
+    )

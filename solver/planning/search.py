@@ -69,7 +69,12 @@ def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
     first.
     """
     return [
-        Ways(repeats=repeats, return_pass=back, axis_orders=ORDERS[:repeats] if repeats > 1 else (), dwell_s=dwell)
+        Ways(
+            repeats=repeats,
+            return_pass=back,
+            axis_orders=ORDERS[:repeats] if repeats > 1 else (),
+            dwell_s=dwell,
+        )
         for dwell in dict.fromkeys((dwell_s, *about.dwells_s))
         for repeats, back in ((1, False), (1, True), (2, False), (3, False), (2, True))
     ]
@@ -91,16 +96,23 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
         first, second = np.eye(3)[np.array(setup_of(name).signs) == 0] * size
         lines += [(name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)]
     lines += [
-        (name, (0.0, 0.0, 0.0)) for name in FOURDOF_RUNS if about.head and any(turn[2] == name[-1].upper() for turn in about.head_turns)
+        (name, (0.0, 0.0, 0.0))
+        for name in FOURDOF_RUNS
+        if about.head and any(turn[2] == name[-1].upper() for turn in about.head_turns)
     ]
     targets = max((run.targets for run in survey.runs), default=0)
-    runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets) for name, offset in lines]
+    runs = [
+        Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets)
+        for name, offset in lines
+    ]
     return tuple(dict.fromkeys(run for run in runs if _travels(survey.volume, run)))
 
 
 def _travels(volume: Volume, run: Run) -> bool:
     """Return whether the volume has every axis that a run travels."""
-    return all(has or not sign for has, sign in zip(volume.travelled, run.travel.signs, strict=True))
+    return all(
+        has or not sign for has, sign in zip(volume.travelled, run.travel.signs, strict=True)
+    )
 
 
 def _shifts(about: Circumstances) -> Iterator[tuple[float, float, float]]:
@@ -120,12 +132,23 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
     """
     runs: list[Run] = []
     number: dict[str, int] = {}
-    for run in sorted(lines, key=lambda run: (DRIVEN_SETUPS.index(setup_of(run.setup).base), run.beam_offset_mm)):
+    for run in sorted(
+        lines, key=lambda run: (DRIVEN_SETUPS.index(setup_of(run.setup).base), run.beam_offset_mm)
+    ):
         base = setup_of(run.setup).base
         number[base] = number.get(base, 0) + any(run.beam_offset_mm)
-        runs.append(ways.of(replace(run, setup=setup_of(base).shifted(number[base] if any(run.beam_offset_mm) else 0))))
+        runs.append(
+            ways.of(
+                replace(
+                    run,
+                    setup=setup_of(base).shifted(number[base] if any(run.beam_offset_mm) else 0),
+                )
+            )
+        )
     pace = replace(survey.pace, dwell_s=ways.dwell_s)
-    return replace(survey, runs=tuple(runs), volume=replace(survey.volume, increments=increments), pace=pace)
+    return replace(
+        survey, runs=tuple(runs), volume=replace(survey.volume, increments=increments), pace=pace
+    )
 
 
 class Exchange:
@@ -136,26 +159,51 @@ class Exchange:
     """
 
     def __init__(
-        self, survey: Plan, about: Circumstances, lines: Sequence[Run], ways: Ways, done: Sequence[Run] = (), weighed_on: int = COARSE
+        self,
+        survey: Plan,
+        about: Circumstances,
+        lines: Sequence[Run],
+        ways: Ways,
+        done: Sequence[Run] = (),
+        weighed_on: int = COARSE,
     ) -> None:
         self._survey = replace(survey, runs=(), pace=replace(survey.pace, dwell_s=ways.dwell_s))
         self._about, self._ways = about, ways
         self.lines = tuple(lines)
         coarse = replace(survey.volume, increments=weighed_on)
         laser = [run for run in (*map(ways.of, lines), *done) if not run.is_fourdof]
-        named = [replace(run, setup=f"{run.travel.base}+{place + 1}", targets=0) for place, run in enumerate(laser)]
-        layout = lay_out(perfect_readings(Plan(volume=coarse, runs=tuple(named)), about.reading_um(ways.dwell_s)), "plan", coarse)
-        self._ahead = Foresight(
-            layout=layout, chain=about.chain, assumed=about.assumed, increments=weighed_on, aim=about.aim, zone=about.zone
+        named = [
+            replace(run, setup=f"{run.travel.base}+{place + 1}", targets=0)
+            for place, run in enumerate(laser)
+        ]
+        layout = lay_out(
+            perfect_readings(
+                Plan(volume=coarse, runs=tuple(named)), about.reading_um(ways.dwell_s)
+            ),
+            "plan",
+            coarse,
         )
-        each = dict(zip((setup.name for setup in layout.setups), self._ahead.by_setup.each, strict=True))
+        self._ahead = Foresight(
+            layout=layout,
+            chain=about.chain,
+            assumed=about.assumed,
+            increments=weighed_on,
+            aim=about.aim,
+            zone=about.zone,
+        )
+        each = dict(
+            zip((setup.name for setup in layout.setups), self._ahead.by_setup.each, strict=True)
+        )
         names = iter(run.setup for run in named)
         nothing = np.zeros_like(self._ahead.by_setup.each[0])
         self._each = np.array([nothing if run.is_fourdof else each[next(names)] for run in lines])
         self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
         self._head = np.array([run.is_fourdof for run in lines])
         known = [each[name] for name in names]
-        self._usual, self._seen = self._ahead.of.precision() + np.sum([nothing, *known], axis=0), self._ahead.of.seen
+        self._usual, self._seen = (
+            self._ahead.of.precision() + np.sum([nothing, *known], axis=0),
+            self._ahead.of.seen,
+        )
         self._measured = [run for run in done if run.is_fourdof]
         stands = replace(self._survey, runs=tuple(done[-1:]))
         self._setting_min = np.array([setup_minutes(stands, run) for run in lines])
@@ -163,9 +211,13 @@ class Exchange:
 
     def _driving(self, increments: int) -> Vector:
         if increments not in self._driving_min:
-            timed = replace(self._survey, volume=replace(self._survey.volume, increments=increments))
+            timed = replace(
+                self._survey, volume=replace(self._survey.volume, increments=increments)
+            )
             ways = [self._ways.of(run) for run in self.lines]
-            self._driving_min[increments] = np.array([run_minutes(timed, run) - setup_minutes(timed, run) for run in ways])
+            self._driving_min[increments] = np.array(
+                [run_minutes(timed, run) - setup_minutes(timed, run) for run in ways]
+            )
         return self._driving_min[increments]
 
     def beside_um2(self, increments: int) -> float:
@@ -173,7 +225,9 @@ class Exchange:
         waves, the aim's floor.
         """
         hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
-        return hidden**2 + bent_um(self._about.assumed, increments) ** 2 + self._ahead.of.floor_um**2
+        return (
+            hidden**2 + bent_um(self._about.assumed, increments) ** 2 + self._ahead.of.floor_um**2
+        )
 
     @cached_property
     def _factors(self) -> Vector:
@@ -188,13 +242,22 @@ class Exchange:
         some = list(chosen)
         bases, first = np.unique(self._base[some], return_index=True)
         shifts = len(some) - len(bases)
-        setting = float(np.sum(self._setting_min[some][first])) + shifts * self._survey.pace.beam_shift_min
+        setting = (
+            float(np.sum(self._setting_min[some][first]))
+            + shifts * self._survey.pace.beam_shift_min
+        )
         return float(np.sum(self._driving(increments)[some])) + setting
 
-    def _fitting(self, chosen: Sequence[int], increments: int, limit_min: float) -> NDArray[np.int64]:
+    def _fitting(
+        self, chosen: Sequence[int], increments: int, limit_min: float
+    ) -> NDArray[np.int64]:
         """Return the further lines that fit into a time beside some."""
         some = list(chosen)
-        setting = np.where(np.isin(self._base, self._base[some]), self._survey.pace.beam_shift_min, self._setting_min)
+        setting = np.where(
+            np.isin(self._base, self._base[some]),
+            self._survey.pace.beam_shift_min,
+            self._setting_min,
+        )
         fits = self.minutes(some, increments) + setting + self._driving(increments) <= limit_min
         fits[some] = False
         return np.flatnonzero(fits)
@@ -203,15 +266,21 @@ class Exchange:
         some = list(chosen)
         precision = self._usual + np.sum(self._each[some], axis=0)
         measured = self._measured + [self.lines[place] for place in some if self._head[place]]
-        return inverse(precision + np.diag(_known_angles(self._ahead, self._about, measured)) if measured else precision)
+        return inverse(
+            precision + np.diag(_known_angles(self._ahead, self._about, measured))
+            if measured
+            else precision
+        )
 
     def square_um2(self, chosen: Sequence[int]) -> float:
-        """Return the mean square over the volume of what lines leave, without what no line lowers."""
+        """Return the mean square over the volume of what lines leave, without what no line
+        lowers."""
         return float(np.sum(self._covariance(chosen) * self._seen))
 
     def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
-        """Return by how much lines lower the mean square of the error of one machine, mean and standard deviation: the error without them
-        is that with them and what they add to the knowledge, which are independent."""
+        """Return by how much lines lower the mean square of the error of one machine, mean and
+        standard deviation: the error without them is that with them and what they add to the
+        knowledge, which are independent."""
         with_them = self._covariance(chosen) @ self._seen
         added = self._covariance(()) @ self._seen - with_them
         variance = 2.0 * np.sum(added * added.T) + 4.0 * np.sum(with_them * added.T)
@@ -229,7 +298,9 @@ class Exchange:
         found: Vector = float(np.sum(covariance * self._seen)) - sign * gain
         for place in np.flatnonzero(self._head[lines]):
             line = int(lines[place])
-            found[place] = self.square_um2([*chosen, line] if sign > 0 else [other for other in chosen if other != line])
+            found[place] = self.square_um2(
+                [*chosen, line] if sign > 0 else [other for other in chosen if other != line]
+            )
         return found
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
@@ -238,12 +309,18 @@ class Exchange:
         square = self.square_um2(now)
         while True:
             best = ((square + beside) * (1.0 - LEAST_GAIN) - beside, now)
-            missed = np.argsort(self._changed(now, np.array(now), -1.0), kind="stable")[:LEAST_MISSED] if now else ()
+            missed = (
+                np.argsort(self._changed(now, np.array(now), -1.0), kind="stable")[:LEAST_MISSED]
+                if now
+                else ()
+            )
             for left in (now, *(now[:place] + now[place + 1 :] for place in missed)):
                 fitting = self._fitting(left, increments, limit_min)
                 if len(fitting) and (found := self._changed(left, fitting, 1.0)).min() < best[0]:
                     # of lines that are as good the plainest, which is offered first
-                    first = int(np.argmax((found <= found.min() + LEAST_GAIN * beside) & (found < best[0])))
+                    first = int(
+                        np.argmax((found <= found.min() + LEAST_GAIN * beside) & (found < best[0]))
+                    )
                     best = (float(found[first]), [*left, int(fitting[first])])
             if best[1] is now:
                 return now
@@ -251,17 +328,25 @@ class Exchange:
 
     @cached_property
     def _starts(self) -> tuple[tuple[float, tuple[int, ...]], ...]:
-        """Return every choice of the lines without a shift along diagonals of the body and first edges, with what it leaves, the best
-        first."""
+        """Return every choice of the lines without a shift along diagonals of the body and first
+        edges, with what it leaves, the best first."""
         plain = [
-            place for place, run in enumerate(self.lines) if run.setup in (*BODY_DIAGONALS, *LINEAR_RUNS) and not any(run.beam_offset_mm)
+            place
+            for place, run in enumerate(self.lines)
+            if run.setup in (*BODY_DIAGONALS, *LINEAR_RUNS) and not any(run.beam_offset_mm)
         ]
-        choices = [tuple(place for bit, place in enumerate(plain) if number >> bit & 1) for number in range(2 ** len(plain))]
+        choices = [
+            tuple(place for bit, place in enumerate(plain) if number >> bit & 1)
+            for number in range(2 ** len(plain))
+        ]
         return tuple(sorted((self.square_um2(choice), choice) for choice in choices))
 
     def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
         """Return the best choice of lines without a shift within a time; none where none fits."""
-        return next((choice for _, choice in self._starts if self.minutes(choice, increments) <= limit_min), ())
+        return next(
+            (choice for _, choice in self._starts if self.minutes(choice, increments) <= limit_min),
+            (),
+        )
 
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
@@ -272,7 +357,9 @@ def _increments(survey: Plan, about: Circumstances) -> list[int]:
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
     own = any(run.targets for run in survey.runs)
-    return [n for n in whole if own or n not in about.in_step] or whole or [survey.volume.increments]
+    return (
+        [n for n in whole if own or n not in about.in_step] or whole or [survey.volume.increments]
+    )
 
 
 class Search:
@@ -299,11 +386,19 @@ class Search:
         """Return the best survey within a time, None where not even one line fits."""
         once = [one for one in self._every if one.passes == 1]
         found = [
-            one for ways in once for one in self._from(self.driven(ways).start(self._middle, limit_min), ways, self._middle, limit_min)
+            one
+            for ways in once
+            for one in self._from(
+                self.driven(ways).start(self._middle, limit_min), ways, self._middle, limit_min
+            )
         ]
         # the dwell that is best on few increments is most often so on many
         best = min(found, key=lambda one: one[0])[2] if found else once[0]
-        fine = [(self.driven(one).start(self._finest, limit_min), one) for one in once if one is once[0] or one.dwell_s == best.dwell_s]
+        fine = [
+            (self.driven(one).start(self._finest, limit_min), one)
+            for one in once
+            if one is once[0] or one.dwell_s == best.dwell_s
+        ]
         for start, ways in (*fine, self._before):
             found += self._from(start, ways, self._finest, limit_min)
         if not found:
@@ -312,24 +407,35 @@ class Search:
         self._before = (lines, ways)
         return survey_of(self._survey, [self.lines[place] for place in lines], ways, increments)
 
-    def _from(self, start: Sequence[int], ways: Ways, increments: int, limit_min: float) -> Iterator[tuple[float, list[int], Ways, int]]:
-        """Yield what exchange makes of lines, the best way to drive these, and what exchange makes of them so."""
+    def _from(
+        self, start: Sequence[int], ways: Ways, increments: int, limit_min: float
+    ) -> Iterator[tuple[float, list[int], Ways, int]]:
+        """Yield what exchange makes of lines, the best way to drive these, and what exchange makes
+        of them so."""
         chosen = self.driven(ways).improved(start, increments, limit_min)
         for _ in range(2):
             others = [
                 one
                 for one in self._every
-                if chosen and one.dwell_s == ways.dwell_s and self.driven(one).minutes(chosen, increments) <= limit_min
+                if chosen
+                and one.dwell_s == ways.dwell_s
+                and self.driven(one).minutes(chosen, increments) <= limit_min
             ]
             if not others:
                 return
             ways = min(others, key=lambda one: self.driven(one).square_um2(chosen))
             chosen = self.driven(ways).improved(chosen, increments, limit_min)
-            yield self.driven(ways).square_um2(chosen) + self.driven(ways).beside_um2(increments), chosen, ways, increments
+            yield (
+                self.driven(ways).square_um2(chosen) + self.driven(ways).beside_um2(increments),
+                chosen,
+                ways,
+                increments,
+            )
 
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
-    """Return the precision that runs of a head give pitch and yaw beside what is usual, by unknown."""
+    """Return the precision that runs of a head give pitch and yaw beside what is usual, by
+    unknown."""
     shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
     known = about.head_ranges_urad(runs)

@@ -30,7 +30,8 @@ HORIZON_MIN = 60.0
 TIMES = (0.15, 0.3, 0.6, 1.0)
 """Of the horizon: times within which further lines are sought."""
 SHOWN = 3.0
-"""Readings that leave two thirds of the likely sizes within this factor show the size; silent ones leave a factor of 15."""
+"""Readings that leave two thirds of the likely sizes within this factor show the size; silent ones
+leave a factor of 15."""
 LEAST_UM, LEAST_SHARE = 0.1, 0.05
 """A gain below either is not worth driving for."""
 
@@ -55,18 +56,32 @@ class Sequel:
     angles_urad: float | None
 
 
-def sequel(survey: Plan, about: Circumstances, done: Sequence[str], readings: Readings | None = None) -> Sequel:
-    """Return what to drive after the setups ``done`` of a survey, the last of which still stands; ``readings`` are theirs."""
+def sequel(
+    survey: Plan, about: Circumstances, done: Sequence[str], readings: Readings | None = None
+) -> Sequel:
+    """Return what to drive after the setups ``done`` of a survey, the last of which still stands;
+    ``readings`` are theirs."""
     shown, angles_urad = shown_by(readings, survey, about)
     driven = [survey.run_of(name) for name in done]
     todo = [run for run in survey.runs if run.setup not in done]
     awaited = {run.travel.base for run in todo}
     known = [_line(run) for run in driven]
     # a line beside a planned line has its turn when that setup stands
-    further = [line for line in offered(survey, shown) if line.setup not in awaited and line not in known]
+    further = [
+        line for line in offered(survey, shown) if line.setup not in awaited and line not in known
+    ]
     lines, ways = (*map(_line, todo), *further), _ways(survey)
-    chosen = _most_a_minute(Exchange(survey, shown, lines, ways, driven), len(todo), survey.volume.increments)
-    fine = Exchange(survey, shown, [lines[place] for place in chosen], ways, driven, min(survey.volume.increments, INCREMENTS[-1]))
+    chosen = _most_a_minute(
+        Exchange(survey, shown, lines, ways, driven), len(todo), survey.volume.increments
+    )
+    fine = Exchange(
+        survey,
+        shown,
+        [lines[place] for place in chosen],
+        ways,
+        driven,
+        min(survey.volume.increments, INCREMENTS[-1]),
+    )
     every = range(len(chosen))
     now_um, then_um = (_left_um(fine, some, survey.volume.increments) for some in ((), every))
     lowered, spread = fine.lowered_um2(every)
@@ -95,7 +110,11 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
     for limit in dict.fromkeys((*(HORIZON_MIN * share for share in TIMES), rest_min)):
         starts = [[], todo] if todo and rest_min <= limit else [[]]
         choices = [*(exchange.improved(start, increments, limit) for start in starts), *starts[1:]]
-        found += [(_left_um(exchange, one, increments), exchange.minutes(one, increments), one) for one in choices if one]
+        found += [
+            (_left_um(exchange, one, increments), exchange.minutes(one, increments), one)
+            for one in choices
+            if one
+        ]
     worth = [one for one in found if now_um - one[0] >= max(LEAST_UM, LEAST_SHARE * now_um)]
     if worth:
         return max(worth, key=lambda one: (now_um - one[0]) / one[1])[2]
@@ -104,38 +123,64 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
 
 def _line(run: Run) -> Run:
     """Return the line of a run as lines are offered."""
-    return Run(setup=run.travel.base, return_pass=False, beam_offset_mm=run.beam_offset_mm, targets=run.targets)
+    return Run(
+        setup=run.travel.base,
+        return_pass=False,
+        beam_offset_mm=run.beam_offset_mm,
+        targets=run.targets,
+    )
 
 
 def _ways(survey: Plan) -> Ways:
     """Return how the plan drives its setups: all alike."""
     runs = survey.runs
     orders = next((run.axis_orders for run in runs if run.axis_orders), ())
-    return Ways(repeats=runs[0].repeats, return_pass=runs[0].return_pass, axis_orders=orders, dwell_s=survey.pace.dwell_s)
+    return Ways(
+        repeats=runs[0].repeats,
+        return_pass=runs[0].return_pass,
+        axis_orders=orders,
+        dwell_s=survey.pace.dwell_s,
+    )
 
 
-def _named(survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways) -> tuple[Run, ...]:
-    """Return lines as runs of the plan: what stands first, what is planned next; those beside the usual line by the next free number."""
+def _named(
+    survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways
+) -> tuple[Run, ...]:
+    """Return lines as runs of the plan: what stands first, what is planned next; those beside the
+    usual line by the next free number."""
     taken, runs = {run.setup for run in survey.runs}, list[Run]()
     for line in lines:
         planned = next((run for run in todo if _line(run) == line), None)
         numbers = count(1) if any(line.beam_offset_mm) else count()
-        name = next(name for number in numbers if (name := line.travel.shifted(number)) not in taken)
+        name = next(
+            name for number in numbers if (name := line.travel.shifted(number)) not in taken
+        )
         runs.append(planned or ways.of(replace(line, setup=name)))
         taken.add(runs[-1].setup)
     stands = driven[-1].travel.base if driven else ""
-    return tuple(sorted(runs, key=lambda run: (setup_of(run.setup).base != stands, run not in todo, runs.index(run))))
+    return tuple(
+        sorted(
+            runs,
+            key=lambda run: (setup_of(run.setup).base != stands, run not in todo, runs.index(run)),
+        )
+    )
 
 
-def shown_by(readings: Readings | None, survey: Plan, about: Circumstances) -> tuple[Circumstances, float | None]:
+def shown_by(
+    readings: Readings | None, survey: Plan, about: Circumstances
+) -> tuple[Circumstances, float | None]:
     """Return the circumstances with the sizes by the readings, and the range of the angles in urad,
     None if not shown.
     """
     if readings is None:
         return about, None
     try:
-        found = adjust(lay_out(readings, "readings", survey.volume), about.chain, assumed=about.assumed)
-    except StepdiagError:  # too few, or a pass that contradicts its plan: the survey's own doubts name it
+        found = adjust(
+            lay_out(readings, "readings", survey.volume), about.chain, assumed=about.assumed
+        )
+    except (
+        StepdiagError
+    ):  # too few, or a pass that contradicts its plan: the survey's own doubts name it
         return about, None
     assumed, scatter = about.assumed, found.scatter
     repeats = assumed.repeatability_um and np.any(scatter.freedom_misses[:3] > 0)
@@ -150,11 +195,14 @@ def shown_by(readings: Readings | None, survey: Plan, about: Circumstances) -> t
 
 
 def _factor(found: Adjustment) -> tuple[float, bool]:
-    """Return by how much the angles are larger than assumed, the likeliest factor, and whether the readings show it."""
+    """Return by how much the angles are larger than assumed, the likeliest factor, and whether the
+    readings show it."""
     names = [effect.name for effect in found.effects]
     if ANGLES not in names or not found.sizes.sought[names.index(ANGLES)]:
         return 1.0, False
     group = np.repeat(np.arange(len(names)), [effect.count for effect in found.effects])
     likely = families(found.fit, group, found.sizes)[names.index(ANGLES)].factor
     middle = len(likely) // 6
-    return float(found.sizes.factor[names.index(ANGLES)]), bool(likely[-1 - middle] < SHOWN * likely[middle])
+    return float(found.sizes.factor[names.index(ANGLES)]), bool(
+        likely[-1 - middle] < SHOWN * likely[middle]
+    )

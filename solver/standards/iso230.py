@@ -47,7 +47,8 @@ COVERAGES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningRuns:
-    """Deviations actual - target in um: ``up_um`` and ``down_um`` (targets, runs); no ``down_um`` = one direction only."""
+    """Deviations actual - target in um: ``up_um`` and ``down_um`` (targets, runs); no ``down_um`` =
+    one direction only."""
 
     target_mm: Vector
     up_um: Vector
@@ -56,19 +57,26 @@ class PositioningRuns:
     def __post_init__(self) -> None:
         """Refuse tables that are not complete."""
         for name, table in (("up_um", self.up_um), ("down_um", self.down_um)):
-            if table is not None and (table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1):
+            if table is not None and (
+                table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1
+            ):
                 raise DataError(
                     name,
                     expected=message("targets-by-runs", target_mm=len(self.target_mm)),
                     found=message("shape-of-array", name=str(table.shape)),
                 )
             if table is not None and not np.isfinite(table).all():
-                raise DataError(name, expected=message("deviation-for-every-target"), found=message("missing-one"))
+                raise DataError(
+                    name,
+                    expected=message("deviation-for-every-target"),
+                    found=message("missing-one"),
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningFigures:
-    """The figures of one axis or diagonal in um, in the symbols of ISO 230-2; ``None`` where the runs do not give them."""
+    """The figures of one axis or diagonal in um, in the symbols of ISO 230-2; ``None`` where the
+    runs do not give them."""
 
     standard: str
     source_status: str
@@ -97,9 +105,11 @@ class PositioningFigures:
 
 
 def positioning_figures(runs: PositioningRuns, standard: str = "iso-230-2") -> PositioningFigures:
-    """Return the figures of an axis by the standard named in ``COVERAGES`` (theory.md 8.1; B5.54: 8.5).
+    """Return the figures of an axis by the standard named in ``COVERAGES`` (theory.md 8.1; B5.54:
+    8.5).
 
-    ``R_i = max(k s_up + k s_down + |B_i|, 2 k s_up, 2 k s_down)``: the linear sum, not the root of squares.
+    ``R_i = max(k s_up + k s_down + |B_i|, 2 k s_up, 2 k s_down)``: the linear sum, not the root of
+    squares.
     """
     coverage = COVERAGES[standard]
     up = runs.up_um.mean(axis=1)
@@ -145,7 +155,8 @@ class DiagonalFigures:
 
 
 def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
-    """Return the figures of displacement tests along diagonals (theory.md 8.3), targets counted along the diagonal."""
+    """Return the figures of displacement tests along diagonals (theory.md 8.3), targets counted
+    along the diagonal."""
     each = {name: positioning_figures(table) for name, table in runs.items()}
     return DiagonalFigures(
         standard="ISO 230-6:2002",
@@ -160,7 +171,8 @@ def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VdiFigures:
-    """VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal U, position scatter Ps."""
+    """VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal U, position
+    scatter Ps."""
 
     standard: str
     source_status: str
@@ -173,10 +185,13 @@ class VdiFigures:
 
 
 def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
-    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Refused without both directions and two runs of each."""
+    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Refused without both directions and two
+    runs of each."""
     s_up, s_down = _scatter(runs.up_um), _scatter(runs.down_um)
     if runs.down_um is None or s_up is None or s_down is None:
-        raise DataError("VDI/DGQ 3441", expected=message("two-runs-more-both"), found=message("fewer"))
+        raise DataError(
+            "VDI/DGQ 3441", expected=message("two-runs-more-both"), found=message("fewer")
+        )
     up, down = runs.up_um.mean(axis=1), runs.down_um.mean(axis=1)
     middle, reversal, scatter = (up + down) / 2, np.abs(up - down), 6 * (s_up + s_down) / 2
     half_width = (reversal + scatter) / 2
@@ -197,8 +212,9 @@ def arrange_runs(
 ) -> tuple[PositioningRuns, tuple[Finding, ...]]:
     """Return the rows of a run as a table of targets by runs, and what had to be left out.
 
-    Odd passes are outward (up), even ones return (down). Readings that restart at zero with every pass
-    (``common_zero=False``, as in the readings file) have lost the reversal value: only the outward runs are kept then.
+    Odd passes are outward (up), even ones return (down). Readings that restart at zero with every
+    pass (``common_zero=False``, as in the readings file) have lost the reversal value: only the
+    outward runs are kept then.
     """
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
@@ -207,11 +223,15 @@ def arrange_runs(
     if down.shape[1] == 0:
         return PositioningRuns(target_mm=targets, up_um=up), ()
     if not common_zero:
-        return PositioningRuns(target_mm=targets, up_um=up), (finding("info", message("iso230-plan.zero")),)
+        return PositioningRuns(target_mm=targets, up_um=up), (
+            finding("info", message("iso230-plan.zero")),
+        )
     return PositioningRuns(target_mm=targets, up_um=up, down_um=down), ()
 
 
-def _table(row: NDArray[np.intp], targets: int, passes: NDArray[np.int64], deviation: Vector, parity: int) -> Vector:
+def _table(
+    row: NDArray[np.intp], targets: int, passes: NDArray[np.int64], deviation: Vector, parity: int
+) -> Vector:
     """Return the passes of a direction as columns; a stop missing in a pass stays NaN."""
     numbers = np.unique(passes[passes % 2 == parity])
     table = np.full((targets, len(numbers)), np.nan)
@@ -221,7 +241,8 @@ def _table(row: NDArray[np.intp], targets: int, passes: NDArray[np.int64], devia
 
 
 def _scatter(table: Vector | None) -> Vector | None:
-    """Return the experimental standard deviation at every target, or None for fewer than two runs."""
+    """Return the experimental standard deviation at every target, or None for fewer than two
+    runs."""
     if table is None or table.shape[1] < 2:
         return None
     scatter: Vector = table.std(axis=1, ddof=1)
@@ -232,7 +253,9 @@ def _repeatability(k: float, s: Vector | None) -> float | None:
     return None if s is None else float(2 * k * s.max())
 
 
-def _bidirectional_repeatability(k: float, s_up: Vector | None, s_down: Vector | None, reversal: Vector | None) -> float | None:
+def _bidirectional_repeatability(
+    k: float, s_up: Vector | None, s_down: Vector | None, reversal: Vector | None
+) -> float | None:
     if s_up is None or s_down is None or reversal is None:
         return None
     linear_sum = k * s_up + k * s_down + np.abs(reversal)
@@ -240,7 +263,8 @@ def _bidirectional_repeatability(k: float, s_up: Vector | None, s_down: Vector |
 
 
 def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> float | None:
-    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over the directions given."""
+    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over the
+    directions given."""
     tops, bottoms = [], []
     for mean, s in directions:
         if mean is None or s is None:
@@ -251,7 +275,8 @@ def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> flo
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest, or None where a diagonal lacks the figure: a maximum over some is not the machine's."""
+    """Return the largest, or None where a diagonal lacks the figure: a maximum over some is not the
+    machine's."""
     known = [value for value in values if value is not None]
     return max(known) if known and len(known) == len(values) else None
 
@@ -263,11 +288,22 @@ def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
     if span_mm > LONG_AXIS_MM:
         widest = float(np.diff(np.sort(runs.target_mm)).max())
         if widest > LONG_AXIS_INTERVAL_MM:
-            found.append(message("iso230-plan.interval", interval_mm=widest, long_mm=LONG_AXIS_MM, most_mm=LONG_AXIS_INTERVAL_MM))
+            found.append(
+                message(
+                    "iso230-plan.interval",
+                    interval_mm=widest,
+                    long_mm=LONG_AXIS_MM,
+                    most_mm=LONG_AXIS_INTERVAL_MM,
+                )
+            )
     else:
         needed = max(MIN_TARGETS, int(np.ceil(MIN_TARGETS * span_mm / 1000)))
         if len(runs.target_mm) < needed:
-            found.append(message("iso230-plan.targets", count=len(runs.target_mm), span_mm=span_mm, needed=needed))
+            found.append(
+                message(
+                    "iso230-plan.targets", count=len(runs.target_mm), span_mm=span_mm, needed=needed
+                )
+            )
         fewest = min(table.shape[1] for table in (runs.up_um, runs.down_um) if table is not None)
         if fewest < MIN_RUNS:
             found.append(message("iso230-plan.runs", count=fewest, needed=MIN_RUNS))

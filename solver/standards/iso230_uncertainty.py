@@ -19,8 +19,9 @@ SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSources:
-    """Standard uncertainties of one setup: ``relative`` of every length (wavelength, air, expansion, cosine), ``reading_um`` of one
-    reading, ``environment_um`` of what drifts within a run."""
+    """Standard uncertainties of one setup: ``relative`` of every length (wavelength, air,
+    expansion, cosine), ``reading_um`` of one reading, ``environment_um`` of what drifts within a
+    run."""
 
     relative: float
     reading_um: float
@@ -28,9 +29,14 @@ class RunSources:
 
 
 def expanded_um(
-    figures: Mapping[str, float], length_mm: float, runs: tuple[int, int], targets: int, sources: RunSources
+    figures: Mapping[str, float],
+    length_mm: float,
+    runs: tuple[int, int],
+    targets: int,
+    sources: RunSources,
 ) -> dict[str, float]:
-    """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a length.
+    """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a
+    length.
 
     ``runs`` are the numbers upward and downward: a repeated pass adds a run. B is the largest of
     the reversal values at ``targets`` targets: noise alone raises it, by up to sqrt(2 ln targets)
@@ -42,7 +48,9 @@ def expanded_um(
     mean = single / np.sqrt(min(runs))
     # the scatter of few runs is itself known to one part in sqrt(2 (n - 1))
     scatter = {
-        name: figures[name] / np.sqrt(2.0 * (number - 1)) for name, number in zip(("R_up", "R_down"), runs, strict=True) if name in figures
+        name: figures[name] / np.sqrt(2.0 * (number - 1))
+        for name, number in zip(("R_up", "R_down"), runs, strict=True)
+        if name in figures
     }
     of_range = float(np.hypot(stretch, np.sqrt(2.0) * mean))
     u = dict.fromkeys(("E_up", "E_down", "E"), of_range)
@@ -54,5 +62,9 @@ def expanded_um(
         # R = 2 s_up + 2 s_down + |B|, each half of its R
         u["R"] = float(np.hypot(np.hypot(scatter["R_up"], scatter["R_down"]) / 2.0, u["B"]))
     widened = {"A_up": "R_up", "A_down": "R_down", "A": "R"}
-    u |= {name: float(np.hypot(of_range, u[by])) for name, by in widened.items() if name in figures and by in u}
+    u |= {
+        name: float(np.hypot(of_range, u[by]))
+        for name, by in widened.items()
+        if name in figures and by in u
+    }
     return {name: COVERAGE * float(u[name]) for name in figures if name in u}

@@ -1,4 +1,5 @@
-"""Reference lines of a straightness measurement and the deviations from them (ISO 230-1; theory.md 8.6)."""
+"""Reference lines of a straightness measurement and the deviations from them (ISO 230-1; theory.md
+8.6)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,21 +17,28 @@ LineMethod = Literal["end-point", "least-squares", "minimum-zone"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A reference line ``offset_um + slope_urad * position``: um over mm is mrad, so the slope is kept in urad."""
+    """A reference line ``offset_um + slope_urad * position``: um over mm is mrad, so the slope is
+    kept in urad."""
 
     offset_um: float
     slope_urad: float
 
     def at(self, position_mm: ArrayLike) -> Vector:
         """Return the height of the line in um, shape like ``position_mm``."""
-        height: Vector = self.offset_um + 1e-3 * self.slope_urad * np.asarray(position_mm, dtype=np.float64)
+        height: Vector = self.offset_um + 1e-3 * self.slope_urad * np.asarray(
+            position_mm, dtype=np.float64
+        )
         return height
 
 
 def end_point_line(position_mm: Vector, deviation_um: Vector) -> Line:
-    """Return the line through the deviations at the lowest and the highest position (means where these repeat)."""
+    """Return the line through the deviations at the lowest and the highest position (means where
+    these repeat)."""
     low, high = position_mm.min(), position_mm.max()
-    at_low, at_high = deviation_um[position_mm == low].mean(), deviation_um[position_mm == high].mean()
+    at_low, at_high = (
+        deviation_um[position_mm == low].mean(),
+        deviation_um[position_mm == high].mean(),
+    )
     return _through(low, float(at_low), 1e3 * (at_high - at_low) / (high - low))
 
 
@@ -38,7 +46,9 @@ def least_squares_line(position_mm: Vector, deviation_um: Vector) -> Line:
     """Return the line of least squared deviations."""
     centre = position_mm.mean()
     arm = position_mm - centre
-    return _through(centre, float(deviation_um.mean()), 1e3 * float(arm @ deviation_um) / float(arm @ arm))
+    return _through(
+        centre, float(deviation_um.mean()), 1e3 * float(arm @ deviation_um) / float(arm @ arm)
+    )
 
 
 def minimum_zone_line(position_mm: Vector, deviation_um: Vector) -> Line:
@@ -60,7 +70,9 @@ _METHODS: dict[LineMethod, Callable[[Vector, Vector], Line]] = {
 }
 
 
-def reference_line(position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point") -> Line:
+def reference_line(
+    position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point"
+) -> Line:
     """Return the reference line by the method named; positions in any order, repeats allowed.
 
     Refused (DataError) where the positions do not span a line or a value is not a number.
@@ -68,30 +80,45 @@ def reference_line(position_mm: ArrayLike, deviation_um: ArrayLike, method: Line
     position = np.asarray(position_mm, dtype=np.float64)
     deviation = np.asarray(deviation_um, dtype=np.float64)
     if not (np.isfinite(position).all() and np.isfinite(deviation).all()):
-        raise DataError("straightness", expected=message("number-at-every-stop"), found=message("stop-lacks-reading"))
+        raise DataError(
+            "straightness",
+            expected=message("number-at-every-stop"),
+            found=message("stop-lacks-reading"),
+        )
     if len(position) < 2 or np.ptp(position) == 0.0:
-        raise DataError("straightness", expected=message("stops-at-two-positions"), found=f"{len(np.unique(position))}")
+        raise DataError(
+            "straightness",
+            expected=message("stops-at-two-positions"),
+            found=f"{len(np.unique(position))}",
+        )
     return _METHODS[method](position, deviation)
 
 
-def residuals_um(position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point") -> Vector:
+def residuals_um(
+    position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point"
+) -> Vector:
     """Return the deviations from the reference line, shape (N,)."""
     line = reference_line(position_mm, deviation_um, method)
     residuals: Vector = np.asarray(deviation_um, dtype=np.float64) - line.at(position_mm)
     return residuals
 
 
-def straightness_um(position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point") -> float:
+def straightness_um(
+    position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point"
+) -> float:
     """Return the range of the deviations from the reference line."""
     return float(np.ptp(residuals_um(position_mm, deviation_um, method)))
 
 
 def _through(position_mm: float, height_um: float, slope_urad: float) -> Line:
-    return Line(offset_um=float(height_um - 1e-3 * slope_urad * position_mm), slope_urad=float(slope_urad))
+    return Line(
+        offset_um=float(height_um - 1e-3 * slope_urad * position_mm), slope_urad=float(slope_urad)
+    )
 
 
 def _hull_slopes_urad(position: Vector, deviation: Vector) -> Vector:
-    """Return the slope of every edge of the upper and the lower convex hull (Andrew's monotone chain)."""
+    """Return the slope of every edge of the upper and the lower convex hull (Andrew's monotone
+    chain)."""
     places = np.unique(position)
     order = np.argsort(position, kind="stable")
     starts = np.searchsorted(position[order], places)

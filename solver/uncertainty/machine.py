@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.result.field import PRODUCTS, Tabulated, field_of_um, rigid_motions
 from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior
-from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
+from stepdiag.base.result.result import (
+    AXIS_LETTERS,
+    DISPLACEMENTS,
+    POSITIONING,
+    ROTATIONS,
+    SQUARENESS,
+)
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import Inverse
@@ -32,11 +38,13 @@ MOST_POSITIONS = 20
 """Increments of the positions at which modes are written: finer surveys are not smoother."""
 MOST_MODES = 40
 NEXT_TO_NOTHING = 1e-6
-"""A usual size counts as so much of the largest at least: beside one of nothing all others would be taken for rounding (`HIDDEN`)."""
+"""A usual size counts as so much of the largest at least: beside one of nothing all others would be
+taken for rounding (`HIDDEN`)."""
 HIDDEN = 1e-9
 """Smallest share of the largest effect that counts as an effect on the usual sizes."""
 FINEST_UM = 0.01
-"""Readings count as uncertain by so much at least beside what is usual, thousands of times larger: no sum of both is exact else."""
+"""Readings count as uncertain by so much at least beside what is usual, thousands of times larger:
+no sum of both is exact else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,32 +59,56 @@ class Machine:
     on_causes: Vector
 
 
-def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: int, products: Mapping[int, float] | None = None) -> Machine:
-    """Return the machine's values at the nodes at which modes are written; unknown angles begin at ``first_cause`` of all ``causes``.
+def machine_of(
+    design: Design,
+    shapes: AngleShapes,
+    first_cause: int,
+    causes: int,
+    products: Mapping[int, float] | None = None,
+) -> Machine:
+    """Return the machine's values at the nodes at which modes are written; unknown angles begin at
+    ``first_cause`` of all ``causes``.
 
     ``products``: by cause, the size of its unit, for `PRODUCTS` in their order.
     """
     found = reported(design)
     nodes = mode_nodes(design.volume)
-    wanted = [*(sloped(name) if name in POSITIONING else name for name in DISPLACEMENTS), *SQUARENESS]
+    wanted = [
+        *(sloped(name) if name in POSITIONING else name for name in DISPLACEMENTS),
+        *SQUARENESS,
+    ]
     wanted += [name for name in ROTATIONS if 1 in design.columns.parts and name not in shapes.names]
-    kept = [row for name in wanted for row in found.of(name) if name in SQUARENESS or found.node[row] in nodes]
+    kept = [
+        row
+        for name in wanted
+        for row in found.of(name)
+        if name in SQUARENESS or found.node[row] in nodes
+    ]
     base = found.select(np.array(kept, dtype=np.int64))
     inner = nodes[1:]
     angles = np.zeros((len(shapes.names) * len(inner), causes))
     for place, name in enumerate(shapes.names):
         own = shapes.causes_of(name)
         rows = slice(place * len(inner), (place + 1) * len(inner))
-        angles[rows, first_cause + own] = shapes.range_of(name) * shapes.at(inner / design.volume.increments)
+        angles[rows, first_cause + own] = shapes.range_of(name) * shapes.at(
+            inner / design.volume.increments
+        )
     beside = np.zeros((len(products or {}), causes))
     for row, (cause, size) in enumerate((products or {}).items()):
         beside[row, cause] = size
     width, more = base.combination.column.shape[1], len(angles) + len(beside)
-    none = Rows(np.zeros((more, width), dtype=np.int64), np.zeros((more, width)), base.combination.count)
-    named = (*(name.removeprefix("sloped ") for name in base.names), *(name for name in shapes.names for _ in inner))
+    none = Rows(
+        np.zeros((more, width), dtype=np.int64), np.zeros((more, width)), base.combination.count
+    )
+    named = (
+        *(name.removeprefix("sloped ") for name in base.names),
+        *(name for name in shapes.names for _ in inner),
+    )
     return Machine(
         names=(*named, *tuple(PRODUCTS)[: len(beside)]),
-        node=np.concatenate([base.node, np.tile(inner, len(shapes.names)), np.zeros(len(beside), dtype=np.int64)]),
+        node=np.concatenate(
+            [base.node, np.tile(inner, len(shapes.names)), np.zeros(len(beside), dtype=np.int64)]
+        ),
         combination=base.combination.followed_by(none),
         on_causes=np.vstack([np.zeros((len(base.names), causes)), angles, beside]),
     )
@@ -84,11 +116,16 @@ def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: in
 
 def mode_nodes(volume: Volume) -> NDArray[np.int64]:
     """Return the nodes at which modes are written, from 0 to n."""
-    return np.unique(np.round(np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)).astype(np.int64))
+    return np.unique(
+        np.round(
+            np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)
+        ).astype(np.int64)
+    )
 
 
 def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
-    """Return what a machine of its class usually has, by name: functions in um, squareness in urad, scales in um/m."""
+    """Return what a machine of its class usually has, by name: functions in um, squareness in urad,
+    scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
     # an unmeasured axis has grown in the warm-up, too
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
@@ -97,13 +134,23 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     return {name: max(size, least) for name, size in usual.items() if size > 0}
 
 
-def usual_names(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[str, ...]:
+def usual_names(
+    found: Quantities, known: Mapping[str, bool], assumed: Assumptions
+) -> tuple[str, ...]:
     """Return the name behind each of the `usual_rows`."""
-    return tuple(name for name in usual_sizes_of(assumed) if not known.get(name, True) for _ in found.of(name))
+    return tuple(
+        name
+        for name in usual_sizes_of(assumed)
+        if not known.get(name, True)
+        for _ in found.of(name)
+    )
 
 
-def usual_rows(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[Rows, Vector]:
-    """Return rows that hold what is not ``known`` to nothing within what is usual, and their standard uncertainties."""
+def usual_rows(
+    found: Quantities, known: Mapping[str, bool], assumed: Assumptions
+) -> tuple[Rows, Vector]:
+    """Return rows that hold what is not ``known`` to nothing within what is usual, and their
+    standard uncertainties."""
     usual = usual_sizes_of(assumed)
     kept = [row for name in usual if not known.get(name, True) for row in found.of(name)]
     some = found.select(np.array(kept, dtype=np.int64))
@@ -116,7 +163,9 @@ def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedF
     target = np.concatenate([fixed.target, np.zeros(len(rows))])
     weight = np.concatenate([np.minimum(fixed.weight, 1.0 / FINEST_UM**2), 1.0 / u**2])
     again = fit(fixed.rows.followed_by(rows), design.blocks, target, weight)
-    pattern = np.vstack([mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))])
+    pattern = np.vstack(
+        [mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))]
+    )
     return MixedFit(again, Causes.of(again, pattern), mixed.size)
 
 
@@ -124,7 +173,10 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
     """Return the covariance of the machine's values, shape (k, k)."""
     dense = machine.combination.dense()
     moved = spread.moved(machine.combination, machine.on_causes)
-    matrix: Vector = machine.combination.times(spread.fit.inverse.solve(dense.T)) + moved @ spread.amount @ moved.T
+    matrix: Vector = (
+        machine.combination.times(spread.fit.inverse.solve(dense.T))
+        + moved @ spread.amount @ moved.T
+    )
     return 0.5 * (matrix + matrix.T)
 
 
@@ -144,7 +196,13 @@ def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tupl
 
 
 def posterior_of(
-    spread: Spread, machine: Machine, volume: Volume, chain: str, offset: Vector, of_unknown_size: str, unmeasured: Vector
+    spread: Spread,
+    machine: Machine,
+    volume: Volume,
+    chain: str,
+    offset: Vector,
+    of_unknown_size: str,
+    unmeasured: Vector,
 ) -> Posterior:
     """Return the possible differences of the machine from the report, in modes; ``offset`` (k,) is
     the expected value beside the report.
@@ -155,7 +213,11 @@ def posterior_of(
     """
     fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
-    family = spread.families.get(spread.names.index(of_unknown_size)) if of_unknown_size in spread.names else None
+    family = (
+        spread.families.get(spread.names.index(of_unknown_size))
+        if of_unknown_size in spread.names
+        else None
+    )
     own = BySize.nothing(len(found))
     if family is not None:
         moved = spread.moved(machine.combination, machine.on_causes)
@@ -165,14 +227,27 @@ def posterior_of(
         own = own.beside(of_one_factor(unmeasured, fields, MOST_MODES))
     factor, left = factored(found, fields, MOST_MODES)
     left = np.hypot(left, own.left)
-    positions = {letter: volume.nodes_mm(axis)[mode_nodes(volume)] for axis, letter in enumerate(AXIS_LETTERS)}
+    positions = {
+        letter: volume.nodes_mm(axis)[mode_nodes(volume)]
+        for axis, letter in enumerate(AXIS_LETTERS)
+    }
     names = tuple(dict.fromkeys(machine.names))
     modes = np.vstack([factor.T, own.modes.T])
     return Posterior(
         position_mm=positions,
-        offset={name: values[0] for name, values in _by_name(machine, names, volume, offset[None, :]) if np.any(values)},
-        modes={name: values for name, values in _by_name(machine, names, volume, modes) if len(values)},
-        rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if _is_nonzero(values)},
+        offset={
+            name: values[0]
+            for name, values in _by_name(machine, names, volume, offset[None, :])
+            if np.any(values)
+        },
+        modes={
+            name: values for name, values in _by_name(machine, names, volume, modes) if len(values)
+        },
+        rest={
+            name: values[0]
+            for name, values in _by_name(machine, names, volume, left[None, :])
+            if _is_nonzero(values)
+        },
         between_um={},
         sized=own.sized,
     )
@@ -185,7 +260,9 @@ def _is_nonzero(values: Vector) -> bool:
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
 
-def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vector) -> list[tuple[str, Vector]]:
+def _by_name(
+    machine: Machine, names: Sequence[str], volume: Volume, values: Vector
+) -> list[tuple[str, Vector]]:
     """Return rows of values (r, k) by name at the nodes of the modes."""
     found, name_of = [], np.array(machine.names)
     for name in names:
@@ -207,11 +284,14 @@ def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -
 
 
 def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
-    """Return the root mean square over the volume of the error vector that a covariance of the machine's values means, and of how many
-    equal independent parts that mean square might consist; ``fields_um`` (k, 3 points) as of `free_fields_um`."""
+    """Return the root mean square over the volume of the error vector that a covariance of the
+    machine's values means, and of how many equal independent parts that mean square might consist;
+    ``fields_um`` (k, 3 points) as of `free_fields_um`."""
     across = found @ (fields_um @ fields_um.T)
     square = max(float(np.trace(across)), 1e-30)
-    return float(np.sqrt(3.0 * square / fields_um.shape[1])), square**2 / max(float(np.sum(across * across.T)), 1e-60)
+    return float(np.sqrt(3.0 * square / fields_um.shape[1])), square**2 / max(
+        float(np.sum(across * across.T)), 1e-60
+    )
 
 
 def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
@@ -230,8 +310,13 @@ def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
 
 # every solve needs these twice, and the next solve of the same volume the same again
 @lru_cache(maxsize=4)
-def _free_fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str) -> Vector:
-    flat, motions = _fields_um(names, node, volume, chain), rigid_motions(volume, anywhere_mm(volume))
+def _free_fields_um(
+    names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str
+) -> Vector:
+    flat, motions = (
+        _fields_um(names, node, volume, chain),
+        rigid_motions(volume, anywhere_mm(volume)),
+    )
     free: Vector = flat - (flat @ motions) @ motions.T
     free.setflags(write=False)
     return free

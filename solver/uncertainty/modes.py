@@ -14,14 +14,16 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 KEPT_SHARE = 0.995
 """A mode more is written until they hold this share of the variance over the volume."""
 UNSEEN = 1e-3
-"""A direction of which no likely size shows by more than this share of its variance is not seen: all such are alike."""
+"""A direction of which no likely size shows by more than this share of its variance is not seen:
+all such are alike."""
 ROUNDING = 1e-9
 """A smaller share of the largest is rounding: no choice may depend on it."""
 
 
 @dataclass(frozen=True, eq=False)
 class BySize:
-    """Modes (k, modes) of causes of unknown size, how they reach at each size, and what is left of them (k,)."""
+    """Modes (k, modes) of causes of unknown size, how they reach at each size, and what is left of
+    them (k,)."""
 
     modes: Vector
     sized: UnknownSize
@@ -37,9 +39,16 @@ class BySize:
         sizes = max(len(self.sized.scale), len(other.sized.scale))
         scale, shift = (
             np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in both])
-            for both in ((self.sized.scale, other.sized.scale), (self.sized.shift, other.sized.shift))
+            for both in (
+                (self.sized.scale, other.sized.scale),
+                (self.sized.shift, other.sized.shift),
+            )
         )
-        return BySize(np.hstack([self.modes, other.modes]), UnknownSize(scale=scale, shift=shift), np.hypot(self.left, other.left))
+        return BySize(
+            np.hstack([self.modes, other.modes]),
+            UnknownSize(scale=scale, shift=shift),
+            np.hypot(self.left, other.left),
+        )
 
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
@@ -54,8 +63,8 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
 
 
 def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
-    """Return what `factored` does for a covariance with the diagonal ``variance`` (k,), of which ``across`` (k, values) is the product with
-    ``fields``."""
+    """Return what `factored` does for a covariance with the diagonal ``variance`` (k,), of which
+    ``across`` (k, values) is the product with ``fields``."""
     alone = variance.copy()
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
@@ -72,9 +81,11 @@ def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tu
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
-    """Return standard deviations of values by themselves, all smaller by the factor that makes their mean square over the volume right.
+    """Return standard deviations of values by themselves, all smaller by the factor that makes
+    their mean square over the volume right.
 
-    None where what is left of the ``total`` is rounding, and none of values that move nothing in the volume.
+    None where what is left of the ``total`` is rounding, and none of values that move nothing in
+    the volume.
     """
     moving = np.sum(fields**2, axis=1)
     kept = np.where(moving > ROUNDING * np.max(moving), np.maximum(square, 0.0), 0.0)
@@ -85,16 +96,20 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
 
 
 def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
-    """Return the modes of a covariance (k, k) of which only the usual size is known: all are larger by one of `class_factors`."""
+    """Return the modes of a covariance (k, k) of which only the usual size is known: all are larger
+    by one of `class_factors`."""
     columns, left = factored(found, fields, most)
     factor = class_factors()
     usual = float(np.sqrt(np.mean(factor**2)))
     scale = np.tile((factor / usual)[:, None], (1, columns.shape[1]))
-    return BySize(usual * columns, UnknownSize(scale=scale, shift=np.zeros(scale.shape)), usual * left)
+    return BySize(
+        usual * columns, UnknownSize(scale=scale, shift=np.zeros(scale.shape)), usual * left
+    )
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
-    """Return directions (k, q) of a family as modes at the root of their mean square over all sizes.
+    """Return directions (k, q) of a family as modes at the root of their mean square over all
+    sizes.
 
     Directions that the readings see equally well, within a factor of two, are taken together and
     factored like any covariance: the choice of an eigenvalue decomposition between equal directions
@@ -123,7 +138,12 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
     order = np.argsort(-matters, kind="stable")
     share = np.cumsum(matters[order]) / max(float(np.sum(matters)), 1e-30)
     kept, dropped = np.split(order, [min(2 * most, int(np.searchsorted(share, KEPT_SHARE)) + 1)])
-    more = _each(np.sum(modes[:, dropped] ** 2, axis=1), float(np.sum(matters[dropped])), float(np.sum(matters)), fields)
+    more = _each(
+        np.sum(modes[:, dropped] ** 2, axis=1),
+        float(np.sum(matters[dropped])),
+        float(np.sum(matters)),
+        fields,
+    )
     kept = np.sort(kept)
     sized = UnknownSize(scale=np.array(scale).T[:, kept], shift=np.array(shift).T[:, kept])
     return BySize(modes[:, kept], sized, np.hypot(left, more))

@@ -1,4 +1,5 @@
-"""Monte Carlo beside the law of propagation (JCGM 101): surveys are drawn, noise and causes, and pass through the estimator.
+"""Monte Carlo beside the law of propagation (JCGM 101): surveys are drawn, noise and causes, and
+pass through the estimator.
 
 Causes are drawn with sizes that are themselves drawn by their uncertainty from the readings; the
 estimator keeps the sizes found.
@@ -19,17 +20,21 @@ _NUMBERS = 2_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Intervals:
-    """Standard deviation and shortest coverage interval of every quantity's deviation from its estimate, shapes (quantities,)."""
+    """Standard deviation and shortest coverage interval of every quantity's deviation from its
+    estimate, shapes (quantities,)."""
 
     u: Vector
     low: Vector
     high: Vector
 
 
-def monte_carlo(spread: Spread, asked: Rows, *, trials: int, seed: int = 0, probability: float = 0.95) -> Intervals:
+def monte_carlo(
+    spread: Spread, asked: Rows, *, trials: int, seed: int = 0, probability: float = 0.95
+) -> Intervals:
     """Return the intervals of combinations of the unknowns. The same seed gives the same intervals.
 
-    At least 10^4 / (1 - p) ``trials`` for a coverage probability p (JCGM 101, 7.2.2): 200 000 for 0.95.
+    At least 10^4 / (1 - p) ``trials`` for a coverage probability p (JCGM 101, 7.2.2): 200 000 for
+    0.95.
     """
     noise = _noise_operator(spread, asked)
     causes = _cause_operator(spread, asked)
@@ -73,7 +78,8 @@ def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vect
     """Return the ends of the shortest interval with the share ``probability`` of each row's samples
     (JCGM 101, 7.7).
 
-    Only the tails are sorted: the interval begins among the lowest and ends among the highest ``1 - probability``.
+    Only the tails are sorted: the interval begins among the lowest and ends among the highest ``1 -
+    probability``.
     """
     rows, count = np.arange(len(samples)), samples.shape[1]
     kept = int(np.ceil(probability * count))

@@ -43,17 +43,22 @@ class Spread:
 
     @cached_property
     def amount(self) -> Vector:
-        """Return the covariance of the amounts with everything that is uncertain about them, shape (q, q)."""
-        return sum((family.surplus() for family in self.families.values()), self.fit.amount_covariance)
+        """Return the covariance of the amounts with everything that is uncertain about them, shape
+        (q, q)."""
+        return sum(
+            (family.surplus() for family in self.families.values()), self.fit.amount_covariance
+        )
 
     @cached_property
     def amount_of_noise(self) -> Vector:
-        """Return what a unit of noise of each row, by its own deviation, makes of the amounts, shape (q, m)."""
+        """Return what a unit of noise of each row, by its own deviation, makes of the amounts,
+        shape (q, m)."""
         matrix: Vector = self.fit.amount_covariance @ self.fit.causes.scaled.T
         return matrix
 
     def moved(self, combination: Rows, on_causes: Vector | None = None) -> Vector:
-        """Return T, how the causes move combinations of the unknowns (rows) and of the amounts (k, q), shape (k, q)."""
+        """Return T, how the causes move combinations of the unknowns (rows) and of the amounts (k,
+        q), shape (k, q)."""
         taken: Vector = -combination.times(self.fit.causes.taken)
         return taken if on_causes is None else on_causes + taken
 
@@ -79,7 +84,10 @@ class Spread:
         known = np.sum(each, axis=1)
         less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
         # several steps may have been found, each a group of its own
-        found = {name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1)) for name in dict.fromkeys(self.names)}
+        found = {
+            name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1))
+            for name in dict.fromkeys(self.names)
+        }
         return {**found, SIZES_UNKNOWN: np.sqrt(np.maximum(beside - known, 0.0))}
 
 
@@ -88,6 +96,7 @@ SIZES_UNKNOWN = "sizes of these"
 
 
 def deviation(variance: Vector) -> Vector:
-    """Return the standard deviations of variances; what rounding leaves of none is none, on every processor."""
+    """Return the standard deviations of variances; what rounding leaves of none is none, on every
+    processor."""
     found: Vector = np.sqrt(np.where(variance < _NONE, 0.0, variance))
     return found

@@ -1,4 +1,5 @@
-"""The public Python door: readings in, result out; files and their prediction; a log as numpy arrays; tables and plots of all of them.
+"""The public Python door: readings in, result out; files and their prediction; a log as numpy
+arrays; tables and plots of all of them.
 
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
@@ -16,7 +17,13 @@ from stepdiag.api.plots import plot_closure, plot_field, plot_functions
 from stepdiag.api.recorded import RecordedLog, read_log
 from stepdiag.api.tables import frame, table
 from stepdiag.base.files import read_text, write_hashed
-from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
+from stepdiag.base.readings.readings import (
+    Readings,
+    in_mm,
+    make_readings,
+    parse_readings,
+    render_readings,
+)
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.certificate.custody import Verified, verify_certificate
 from stepdiag.certificate.written import Beside, write_certificate
@@ -66,7 +73,8 @@ __all__ = [
 
 
 def load_readings(path: Path | str) -> Readings:
-    """Return the readings of a CSV file (columns setup, pass, stop, x_mm, y_mm, z_mm, reading_mm and more).
+    """Return the readings of a CSV file (columns setup, pass, stop, x_mm, y_mm, z_mm, reading_mm
+    and more).
 
     Raises ``UsageError`` for an unreadable file, ``DataError`` with row and field for a file that
     is not a table of readings.
@@ -75,22 +83,26 @@ def load_readings(path: Path | str) -> Readings:
 
 
 def load_angles(path: Path | str) -> Angles:
-    """Return angular functions of a CSV file (axis, position_mm, EA_urad, EB_urad, EC_urad). Raises as `load_readings`."""
+    """Return angular functions of a CSV file (axis, position_mm, EA_urad, EB_urad, EC_urad). Raises
+    as `load_readings`."""
     return parse_angles(read_text(Path(path)), Path(path).name)
 
 
 def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
-    """Return straightness functions of a CSV file (position_mm, EYX_um, u_EYX_um ..). Raises as `load_readings`."""
+    """Return straightness functions of a CSV file (position_mm, EYX_um, u_EYX_um ..). Raises as
+    `load_readings`."""
     return parse_straightness(read_text(Path(path)), Path(path).name)
 
 
 def load_result(path: Path | str) -> Result:
-    """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as `load_readings`."""
+    """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as
+    `load_readings`."""
     return parse_result(read_text(Path(path)), Path(path).name)
 
 
 def save_result(result: Result, path: Path | str) -> None:
-    """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` where another file is in its place."""
+    """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` where
+    another file is in its place."""
     write_hashed(Path(path), result.to_json())
 
 
@@ -110,54 +122,97 @@ def export(
     ``accept`` names the warnings that may pass. Raises ``SafetyError`` for a failed check,
     ``DataError`` for what is not identified.
     """
-    found = load_profile(Path(profile), controller_named(controller), result.volume) if profile is not None else None
-    return export_files(result, controller, found, step_mm=step_mm, accept=accept, out_dir=Path(out_dir))
+    found = (
+        load_profile(Path(profile), controller_named(controller), result.volume)
+        if profile is not None
+        else None
+    )
+    return export_files(
+        result, controller, found, step_mm=step_mm, accept=accept, out_dir=Path(out_dir)
+    )
 
 
-def verify(result: Result, files: Sequence[Path | str], *, profile: Path | str | None = None) -> Verification:
-    """Return what the files of one control will do to the machine of a result. Raises ``DataError`` for files of no known control."""
+def verify(
+    result: Result, files: Sequence[Path | str], *, profile: Path | str | None = None
+) -> Verification:
+    """Return what the files of one control will do to the machine of a result. Raises ``DataError``
+    for files of no known control."""
     read = read_given([Path(file) for file in files])
-    found = load_profile(Path(profile), controller_for(read), result.volume) if profile is not None else None
+    found = (
+        load_profile(Path(profile), controller_for(read), result.volume)
+        if profile is not None
+        else None
+    )
     return verify_files(result, read, found)
 
 
-def plan(survey: Path | str, *, minutes: float | None = None, target_um: float | None = None) -> "Advice":
-    """Return the forecast of a survey file and the surveys that are worth their time, as ``stepdiag plan`` prints them.
+def plan(
+    survey: Path | str, *, minutes: float | None = None, target_um: float | None = None
+) -> "Advice":
+    """Return the forecast of a survey file and the surveys that are worth their time, as ``stepdiag
+    plan`` prints them.
 
-    ``minutes`` is the time there is, ``target_um`` what compensation may leave (rms over the volume).
-    Raises ``UsageError`` for a file that is no survey.
+    ``minutes`` is the time there is, ``target_um`` what compensation may leave (rms over the
+    volume). Raises ``UsageError`` for a file that is no survey.
     """
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.solver.planning.planner import plan as advise
 
     found = load_survey(Path(survey))
-    return advise(found.planned, circumstances(found, Path(survey).parent), available_min=minutes, target_um=target_um)
+    return advise(
+        found.planned,
+        circumstances(found, Path(survey).parent),
+        available_min=minutes,
+        target_um=target_um,
+    )
 
 
 def report(
-    result: Result, out: Path | str, *, readings: Readings | None = None, language: Literal["en", "de"] = "en", pdf: bool = False
+    result: Result,
+    out: Path | str,
+    *,
+    readings: Readings | None = None,
+    language: Literal["en", "de"] = "en",
+    pdf: bool = False,
 ) -> list[Path]:
-    """Write the readable report of a result and return the files: FILE.html, FILE.pdf, or a folder for the HTML and every figure as CSV.
+    """Write the readable report of a result and return the files: FILE.html, FILE.pdf, or a folder
+    for the HTML and every figure as CSV.
 
-    Raises ``UsageError`` where another file is in its place, or where a PDF is asked for and no browser is found.
+    Raises ``UsageError`` where another file is in its place, or where a PDF is asked for and no
+    browser is found.
     """
     from stepdiag.report.document import build_report
     from stepdiag.report.output import write_report
 
-    return write_report(build_report(result, source=result.source, readings=readings, language=language), Path(out), pdf=pdf)
+    return write_report(
+        build_report(result, source=result.source, readings=readings, language=language),
+        Path(out),
+        pdf=pdf,
+    )
 
 
 def certificate(
-    result: Path | str, out: Path | str, *, files: Sequence[Path | str] = (), laboratory: Path | str | None = None,
-    report: Path | str | None = None, left: Path | str | None = None,
-) -> int:  # fmt: skip
-    """Write the digital calibration certificate (DCC) of a result's file and return how many things it rests on, each by its SHA-256.
+    result: Path | str,
+    out: Path | str,
+    *,
+    files: Sequence[Path | str] = (),
+    laboratory: Path | str | None = None,
+    report: Path | str | None = None,
+    left: Path | str | None = None,
+) -> int:
+    """Write the digital calibration certificate (DCC) of a result's file and return how many things
+    it rests on, each by its SHA-256.
 
-    ``files`` are those of an export, ``laboratory`` is the laboratory's file, ``report`` the report that ``stepdiag report`` wrote of all
-    these, ``left`` the result's file of the survey after loading. `verify_certificate` computes it again. Raises ``UsageError`` where a
-    file is in its place, ``DataError`` for files that do not belong to the result.
+    ``files`` are those of an export, ``laboratory`` is the laboratory's file, ``report`` the report
+    that ``stepdiag report`` wrote of all these, ``left`` the result's file of the survey after
+    loading. `verify_certificate` computes it again. Raises ``UsageError`` where a file is in its
+    place, ``DataError`` for files that do not belong to the result.
     """
-    stated, shown, after = (None if path is None else Path(path) for path in (laboratory, report, left))
-    beside = Beside(laboratory=stated, files=[Path(file) for file in files], report=shown, left=after)
+    stated, shown, after = (
+        None if path is None else Path(path) for path in (laboratory, report, left)
+    )
+    beside = Beside(
+        laboratory=stated, files=[Path(file) for file in files], report=shown, left=after
+    )
     return write_certificate(Path(result), Path(out), beside)

@@ -1,4 +1,5 @@
-"""The report's figures as matplotlib figures (``stepdiag[notebook]``): functions with their bands, the error field, the closure."""
+"""The report's figures as matplotlib figures (``stepdiag[notebook]``): functions with their bands,
+the error field, the closure."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 LATTICE = 5
 """Points per axis at which the error field is drawn."""
 _LONGEST_SHARE = 0.15
-"""The longest vector of the error field is drawn as long as this share of the longest side of the volume."""
+"""The longest vector of the error field is drawn as long as this share of the longest side of the
+volume."""
 
 
 def plot_functions(result: Result) -> "Figure":
@@ -26,18 +28,30 @@ def plot_functions(result: Result) -> "Figure":
     the two directions if the data give them. Raises UsageError without matplotlib, or without an
     identified function.
     """
-    names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is not None]
+    names = [
+        name
+        for name in (*DISPLACEMENTS, *ROTATIONS)
+        if name in result.errors and result.errors[name].value is not None
+    ]
     if not names:
-        raise UsageError("plot_functions", expected=message("known-function"), found=message("none"))
+        raise UsageError(
+            "plot_functions", expected=message("known-function"), found=message("none")
+        )
     figure = _figure(11.0, 2.6 * -(-len(names) // 3))
     for place, name in enumerate(names, 1):
         function, reversal = result.errors[name], result.reversal.get(name)
         panel = figure.add_subplot(-(-len(names) // 3), 3, place)
         at, value = function.position_mm, np.asarray(function.value)
         if function.u is not None:
-            panel.fill_between(at, value - 2 * function.u, value + 2 * function.u, alpha=0.25, linewidth=0)
+            panel.fill_between(
+                at, value - 2 * function.u, value + 2 * function.u, alpha=0.25, linewidth=0
+            )
         panel.plot(at, value)
-        if reversal is not None and reversal.value is not None and np.array_equal(reversal.position_mm, at):
+        if (
+            reversal is not None
+            and reversal.value is not None
+            and np.array_equal(reversal.position_mm, at)
+        ):
             panel.plot(at, value + reversal.value / 2, linestyle=":")
             panel.plot(at, value - reversal.value / 2, linestyle=":")
         panel.set_xlabel(f"{name[2]} / mm")
@@ -47,7 +61,8 @@ def plot_functions(result: Result) -> "Figure":
 
 
 def plot_field(result: Result) -> "Figure":
-    """Return the error vectors in the volume, rigid motion removed; the title names the length of the longest.
+    """Return the error vectors in the volume, rigid motion removed; the title names the length of
+    the longest.
 
     Raises UsageError where matplotlib is not installed.
     """
@@ -69,7 +84,9 @@ def plot_closure(result: Result) -> "Figure":
     Raises UsageError where matplotlib is not installed or the result holds no closure.
     """
     if result.closure_um is None:
-        raise UsageError("plot_closure", expected=message("result-with-closure"), found=message("none"))
+        raise UsageError(
+            "plot_closure", expected=message("result-with-closure"), found=message("none")
+        )
     figure = _figure(7.0, 3.5)
     panel = figure.add_subplot()
     for axis in AXES:
@@ -87,5 +104,7 @@ def _figure(width_in: float, height_in: float) -> "Figure":
         from matplotlib.figure import Figure
     except ImportError:
         remedy = message("do-install", extra="notebook")
-        raise UsageError("plot", expected="matplotlib", found=message("nothing"), remedy=remedy) from None
+        raise UsageError(
+            "plot", expected="matplotlib", found=message("nothing"), remedy=remedy
+        ) from None
     return Figure(figsize=(width_in, height_in), layout="constrained")

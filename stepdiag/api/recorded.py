@@ -17,14 +17,16 @@ from stepdiag.daq.timing.samples import Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedLog:
-    """One log in numbers. ``laser`` holds every sample in columns; ``stops`` what the synchroniser made of them, in order."""
+    """One log in numbers. ``laser`` holds every sample in columns; ``stops`` what the synchroniser
+    made of them, in order."""
 
     laser: Samples
     stops: tuple[CapturedStop, ...]
 
 
 def read_log(path: Path | str) -> RecordedLog:
-    """Return a log as numpy arrays: every sample of its laser, decoded again from the raw bytes, and its stops.
+    """Return a log as numpy arrays: every sample of its laser, decoded again from the raw bytes,
+    and its stops.
 
     Raises ``DataError`` for a file that is no log of ours.
     """
@@ -40,7 +42,10 @@ def read_log(path: Path | str) -> RecordedLog:
             case _:
                 pass
     outcomes = (each for one in replay([Path(path)]).logs for each in one.outcomes)
-    return RecordedLog(laser=_joined(batches), stops=tuple(each for each in outcomes if isinstance(each, CapturedStop)))
+    return RecordedLog(
+        laser=_joined(batches),
+        stops=tuple(each for each in outcomes if isinstance(each, CapturedStop)),
+    )
 
 
 def _joined(batches: Sequence[Samples]) -> Samples:

@@ -24,16 +24,30 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Table = dict[str, list[Any]]
-_OF_A_STOP = ("setup", "outward", "stop", "reading_mm", "u_um", "scatter_um", "slope_um_s", "samples", "rejected", "time_s", "beam")
+_OF_A_STOP = (
+    "setup",
+    "outward",
+    "stop",
+    "reading_mm",
+    "u_um",
+    "scatter_um",
+    "slope_um_s",
+    "samples",
+    "rejected",
+    "time_s",
+    "beam",
+)
 _OF_A_FINDING = ("code", "severity", "action", "setup", "pass_number", "stop", "size_um", "text")
 
 
 @singledispatch
 def table(of: object) -> Table:
-    """Return readings, the stops of a log, its samples, the functions of a result or findings as columns of equal length.
+    """Return readings, the stops of a log, its samples, the functions of a result or findings as
+    columns of equal length.
 
-    A result gives one row a value of a function: name, unit, position_mm, value, u. The columns of samples are those of
-    `daq.timing.samples.Samples` without channels; ``counter`` is the instrument's own clock. Raises UsageError for anything else.
+    A result gives one row a value of a function: name, unit, position_mm, value, u. The columns of
+    samples are those of `daq.timing.samples.Samples` without channels; ``counter`` is the
+    instrument's own clock. Raises UsageError for anything else.
     """
     expected = message("one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding"))
     raise UsageError("table", expected=expected, found=type(of).__name__)
@@ -41,9 +55,16 @@ def table(of: object) -> Table:
 
 @table.register
 def _(of: Readings) -> Table:
-    columns: Table = {"setup": list(of.setup), "pass": of.pass_number.tolist(), "stop": of.stop.tolist()}
+    columns: Table = {
+        "setup": list(of.setup),
+        "pass": of.pass_number.tolist(),
+        "stop": of.stop.tolist(),
+    }
     columns |= {f"{axis}_mm": of.position_mm[:, index].tolist() for index, axis in enumerate(AXES)}
-    return columns | {name: getattr(of, name).tolist() for name in ("reading_mm", "u_um", "temperature_c", "time_s")}
+    return columns | {
+        name: getattr(of, name).tolist()
+        for name in ("reading_mm", "u_um", "temperature_c", "time_s")
+    }
 
 
 @table.register
@@ -53,7 +74,10 @@ def _(of: RecordedLog) -> Table:
 
 @table.register
 def _(of: Samples) -> Table:
-    return {name: getattr(of, name).tolist() for name in ("counter", "position_mm", "beam", "flags", "arrival_ns")}
+    return {
+        name: getattr(of, name).tolist()
+        for name in ("counter", "position_mm", "beam", "flags", "arrival_ns")
+    }
 
 
 @table.register
@@ -62,7 +86,12 @@ def _(of: Result) -> Table:
         (name, function.unit, position, value, u)
         for name, function in of.errors.items()
         if function.value is not None
-        for position, value, u in zip(function.position_mm, function.value, _or_nan(function.u, len(function.value)), strict=True)
+        for position, value, u in zip(
+            function.position_mm,
+            function.value,
+            _or_nan(function.u, len(function.value)),
+            strict=True,
+        )
     ]
     return _columns(("name", "unit", "position_mm", "value", "u"), rows)
 
@@ -71,18 +100,28 @@ def _(of: Result) -> Table:
 @table.register(list)
 def _(of: Sequence[CapturedStop | Finding]) -> Table:
     if any(isinstance(each, Finding) for each in of):
-        return _columns(_OF_A_FINDING, ([getattr(each, name) for name in _OF_A_FINDING] for each in of))
+        return _columns(
+            _OF_A_FINDING, ([getattr(each, name) for name in _OF_A_FINDING] for each in of)
+        )
     columns = _columns(_OF_A_STOP, ([getattr(each, name) for name in _OF_A_STOP] for each in of))
     at_mm = [each.position_mm for each in of if isinstance(each, CapturedStop)]
-    return columns | {f"{axis}_mm": [each[index] for each in at_mm] for index, axis in enumerate(AXES)}
+    return columns | {
+        f"{axis}_mm": [each[index] for each in at_mm] for index, axis in enumerate(AXES)
+    }
 
 
 def frame(of: object) -> "pd.DataFrame":
-    """Return what `table` gives as a DataFrame. Raises UsageError where pandas is not installed, or as `table`."""
+    """Return what `table` gives as a DataFrame. Raises UsageError where pandas is not installed, or
+    as `table`."""
     try:
         import pandas as pd
     except ImportError:
-        raise UsageError("frame", expected="pandas", found=message("nothing"), remedy=message("do-install", extra="notebook")) from None
+        raise UsageError(
+            "frame",
+            expected="pandas",
+            found=message("nothing"),
+            remedy=message("do-install", extra="notebook"),
+        ) from None
     return pd.DataFrame(table(of))
 
 

@@ -19,7 +19,8 @@ State = Literal["off", "on"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """The statement about the compensation: ``state`` is None where there is no survey, ``"?"`` where the survey leaves it open."""
+    """The statement about the compensation: ``state`` is None where there is no survey, ``"?"``
+    where the survey leaves it open."""
 
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
@@ -33,16 +34,28 @@ class Statement:
         """Return the statement in one line, for log and report."""
         if self.state not in ("off", "on"):
             return "not stated"
-        named = "; ".join(f"{file.name} sha256 {file.sha256} ({file.source}, {file.date})" for file in self.files)
+        named = "; ".join(
+            f"{file.name} sha256 {file.sha256} ({file.source}, {file.date})" for file in self.files
+        )
         return f"{self.state}: {named}" if named else self.state
 
 
-def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], day: date | None, source: str) -> Statement:
+def stated(
+    state: Literal["off", "on", "?"] | None,
+    files: Mapping[str, bytes],
+    day: date | None,
+    source: str,
+) -> Statement:
     """Return the statement that ``files`` were active, read out on ``day`` in the way
     ``source``.
     """
     rows = tuple(
-        ActiveFile(name=name, sha256=hashlib.sha256(data).hexdigest(), date="" if day is None else day.isoformat(), source=source)
+        ActiveFile(
+            name=name,
+            sha256=hashlib.sha256(data).hexdigest(),
+            date="" if day is None else day.isoformat(),
+            source=source,
+        )
         for name, data in sorted(files.items())
     )
     return Statement(state=state, files=rows)
@@ -56,6 +69,9 @@ def stated_in(result: Result) -> Statement:
     if facts.compensation is None:
         return Statement(state=UNANSWERED)
     if (facts.compensation == "on") != bool(facts.active_files):
-        where, found = f"{result.source}: survey.compensation", f"{facts.compensation!r} with {len(facts.active_files)} active_files"
+        where, found = (
+            f"{result.source}: survey.compensation",
+            f"{facts.compensation!r} with {len(facts.active_files)} active_files",
+        )
         raise DataError(where, expected=message("off-on-files"), found=found)
     return Statement(state=facts.compensation, files=facts.active_files)

@@ -1,15 +1,20 @@
-"""Does a machine conform to its tolerances: a verdict by ISO 14253-1 with the probability of conformity by JCGM 106, from a result alone.
+"""Does a machine conform to its tolerances: a verdict by ISO 14253-1 with the probability of
+conformity by JCGM 106, from a result alone.
 
-A tolerance limits a magnitude: the measurand Y conforms where |Y| is at most T. With what was measured, Y has a distribution: normal with
-value and combined standard uncertainty for a number, the draws of the posterior for a figure that is skewed (a length, a range).
+A tolerance limits a magnitude: the measurand Y conforms where |Y| is at most T. With what was
+measured, Y has a distribution: normal with value and combined standard uncertainty for a number,
+the draws of the posterior for a figure that is skewed (a length, a range).
 
-    probability of conformity   p = Pr(-T <= Y <= T | measured)                         JCGM 106:2012, 7
-    conform                     the whole coverage interval (k = 2) lies within T       ISO 14253-1, guard band g = U
+    probability of conformity   p = Pr(-T <= Y <= T | measured)                         JCGM
+    106:2012, 7
+    conform                     the whole coverage interval (k = 2) lies within T       ISO 14253-1,
+    guard band g = U
     not conform                 the whole coverage interval lies outside of T
     not decidable               the interval holds a limit
 
-For a normal Y far from the other limit this is |y| + U <= T, which accepts a machine at the limit in 2.3 % of all surveys. The interval of
-a volumetric figure is that of `base.result.prediction`: 2.3 % of the draws lie above it and 0.5 % below.
+For a normal Y far from the other limit this is |y| + U <= T, which accepts a machine at the limit
+in 2.3 % of all surveys. The interval of a volumetric figure is that of `base.result.prediction`:
+2.3 % of the draws lie above it and 0.5 % below.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,7 +27,13 @@ import numpy as np
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.interval import FieldFigures, Interval
 from stepdiag.base.result.members import Conformity, Judged, StandardFigures, Verdict
-from stepdiag.base.result.prediction import DRAWS, TAIL, VOLUMETRIC_LARGEST, VOLUMETRIC_RMS, predicted
+from stepdiag.base.result.prediction import (
+    DRAWS,
+    TAIL,
+    VOLUMETRIC_LARGEST,
+    VOLUMETRIC_RMS,
+    predicted,
+)
 from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector, anywhere_mm
 
@@ -35,9 +46,11 @@ Unit = Literal["um", "urad"]
 
 
 def probability(value: float, u: float, tolerance: float, least: float | None = None) -> float:
-    """Return the probability that a normal measurand lies from ``least`` (None: minus ``tolerance``) to ``tolerance``.
+    """Return the probability that a normal measurand lies from ``least`` (None: minus
+    ``tolerance``) to ``tolerance``.
 
-    ``u`` is its standard uncertainty; with 0 the measurand is its value. Source: JCGM 106:2012, 7.3 to 7.5.
+    ``u`` is its standard uncertainty; with 0 the measurand is its value. Source: JCGM 106:2012, 7.3
+    to 7.5.
     """
     low = -tolerance if least is None else least
     if u == 0.0:
@@ -50,7 +63,8 @@ def _normal(z: float) -> float:
 
 
 def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdict:
-    """Return the verdict about a measurand with a coverage interval, whose magnitude may be ``tolerance``; no interval decides nothing."""
+    """Return the verdict about a measurand with a coverage interval, whose magnitude may be
+    ``tolerance``; no interval decides nothing."""
     if low is None or high is None:
         return "not_decidable"
     if -tolerance <= low and high <= tolerance:
@@ -67,7 +81,8 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
 
 
 def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
-    """Return the result with tolerances, by quantity, and its conformity to them; the result as it is where there are none."""
+    """Return the result with tolerances, by quantity, and its conformity to them; the result as it
+    is where there are none."""
     if not tolerance:
         return result
     known = replace(result, tolerance=dict(tolerance))
@@ -81,11 +96,21 @@ def conformity_of(result: Result) -> Conformity:
     """Return the conformity of a result to its own tolerances."""
     tolerance = result.tolerance or {}
     figures = None if result.predicted is None else result.predicted.without_rigid_motion
-    found = (*_squareness(result, tolerance), *_positioning(result, tolerance), *_functions(result, tolerance))
+    found = (
+        *_squareness(result, tolerance),
+        *_positioning(result, tolerance),
+        *_functions(result, tolerance),
+    )
     after = _compensated(result)
-    left = (*_squareness(after, tolerance), *_functions(after, {name: tolerance[name] for name in DISPLACEMENTS if name in tolerance}))
+    left = (
+        *_squareness(after, tolerance),
+        *_functions(after, {name: tolerance[name] for name in DISPLACEMENTS if name in tolerance}),
+    )
     return Conformity(
-        as_found=(*judged_volume(tolerance, None if figures is None else figures["before"]), *found),
+        as_found=(
+            *judged_volume(tolerance, None if figures is None else figures["before"]),
+            *found,
+        ),
         predicted=(*judged_volume(tolerance, None if figures is None else figures["after"]), *left),
     )
 
@@ -96,34 +121,65 @@ def _compensated(result: Result) -> Result:
 
     No table removes an angle, nor the reversal in E and A: they are not in it.
     """
-    errors = {name: one if one.value is None else replace(one, value=np.zeros_like(one.value)) for name, one in result.errors.items()}
-    squareness = {name: one if one.value is None else replace(one, value=0.0) for name, one in result.squareness.items()}
+    errors = {
+        name: one if one.value is None else replace(one, value=np.zeros_like(one.value))
+        for name, one in result.errors.items()
+    }
+    squareness = {
+        name: one if one.value is None else replace(one, value=0.0)
+        for name, one in result.squareness.items()
+    }
     return replace(result, errors=errors, squareness=squareness)
 
 
-def judged_volume(tolerance: Mapping[str, float], figures: FieldFigures | None) -> tuple[Judged, ...]:
-    """Return the volumetric figures that have a tolerance; ``figures`` is None where no volume was surveyed."""
+def judged_volume(
+    tolerance: Mapping[str, float], figures: FieldFigures | None
+) -> tuple[Judged, ...]:
+    """Return the volumetric figures that have a tolerance; ``figures`` is None where no volume was
+    surveyed."""
     intervals = (None, None) if figures is None else (figures.rms_um, figures.largest_um)
     pairs = zip((VOLUMETRIC_RMS, VOLUMETRIC_LARGEST), intervals, strict=True)
-    return tuple(_of_interval(name.removesuffix("_um"), "um", tolerance[name], found) for name, found in pairs if name in tolerance)
+    return tuple(
+        _of_interval(name.removesuffix("_um"), "um", tolerance[name], found)
+        for name, found in pairs
+        if name in tolerance
+    )
 
 
 def _of_interval(quantity: str, unit: Unit, tolerance: float, found: Interval | None) -> Judged:
     known = found or Interval(value_um=0.0)
     return Judged(
-        quantity=quantity, unit=unit, tolerance=tolerance, value=None if found is None else found.value_um, low=known.low_um,
-        high=known.high_um, probability=known.within, verdict=verdict_of(known.low_um, known.high_um, tolerance),
-    )  # fmt: skip
+        quantity=quantity,
+        unit=unit,
+        tolerance=tolerance,
+        value=None if found is None else found.value_um,
+        low=known.low_um,
+        high=known.high_um,
+        probability=known.within,
+        verdict=verdict_of(known.low_um, known.high_um, tolerance),
+    )
 
 
-def _of_number(quantity: str, unit: Unit, tolerance: float, value: float | None, u: float | None) -> Judged:
+def _of_number(
+    quantity: str, unit: Unit, tolerance: float, value: float | None, u: float | None
+) -> Judged:
     low, high, within = None, None, None
     if value is not None and u is not None:
-        low, high, within = value - COVERAGE * u, value + COVERAGE * u, probability(value, u, tolerance)
+        low, high, within = (
+            value - COVERAGE * u,
+            value + COVERAGE * u,
+            probability(value, u, tolerance),
+        )
     return Judged(
-        quantity=quantity, unit=unit, tolerance=tolerance, value=value, low=low, high=high, probability=within,
+        quantity=quantity,
+        unit=unit,
+        tolerance=tolerance,
+        value=value,
+        low=low,
+        high=high,
+        probability=within,
         verdict=verdict_of(low, high, tolerance),
-    )  # fmt: skip
+    )
 
 
 def _squareness(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
@@ -134,8 +190,13 @@ def _squareness(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judg
 
 
 def _positioning(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
-    """Yield E and A of every run along an axis; without such a run nothing is decided about them."""
-    runs = {name: found[0] for name, found in (result.standards or {}).items() if name.startswith("linear") and found}
+    """Yield E and A of every run along an axis; without such a run nothing is decided about
+    them."""
+    runs = {
+        name: found[0]
+        for name, found in (result.standards or {}).items()
+        if name.startswith("linear") and found
+    }
     for name, symbol in POSITIONING_UM.items():
         most = tolerance.get(name)
         if most is not None:
@@ -161,10 +222,11 @@ def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judge
 
 
 def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
-    """Return the range (largest less smallest value) of functions of machines drawn from the posterior, shape (draws,), and as found.
+    """Return the range (largest less smallest value) of functions of machines drawn from the
+    posterior, shape (draws,), and as found.
 
-    Straightness and a function whose slope is not identified have their end-point line removed. Deviations have the correlations of the
-    posterior and the u that the result states.
+    Straightness and a function whose slope is not identified have their end-point line removed.
+    Deviations have the correlations of the posterior and the u that the result states.
     """
     if result.posterior is None or not names:
         return {}
@@ -174,11 +236,16 @@ def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
         function = result.errors.get(name)
         if name in deviations and function is not None and function.value is not None:
             at = result.posterior.position_mm[name[2]]
-            lined = (name in DISPLACEMENTS and name not in POSITIONING) or not function.slope_identified
+            lined = (
+                name in DISPLACEMENTS and name not in POSITIONING
+            ) or not function.slope_identified
             share = (at - at[0]) / (at[-1] - at[0]) * lined
             moved, found = (
                 rows - lined * rows[:, :1] - (rows[:, -1:] - rows[:, :1]) * share
-                for rows in (deviations[name], np.interp(at, function.position_mm, function.value)[None])
+                for rows in (
+                    deviations[name],
+                    np.interp(at, function.position_mm, function.value)[None],
+                )
             )
             if function.u is not None:
                 own = np.sqrt(np.sum(moved[1:] ** 2, axis=0))
@@ -201,15 +268,20 @@ def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:
         low = max(min(low, low - 2.0 * (middle - found), 2.0 * found - high), 0.0)
-    return Interval(value_um=middle, low_um=low, high_um=high, within=float(np.mean(drawn <= tolerance)))
+    return Interval(
+        value_um=middle, low_um=low, high_um=high, within=float(np.mean(drawn <= tolerance))
+    )
 
 
 def _range(function: Function | None) -> tuple[float | None, float | None]:
-    """Return the range of a function and its standard uncertainty; None where it is not identified."""
+    """Return the range of a function and its standard uncertainty; None where it is not
+    identified."""
     if function is None or function.value is None:
         return None, None
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))
-    if low == high and function.u is not None:  # a function of nothing: any two of its values may be the extremes
+    if (
+        low == high and function.u is not None
+    ):  # a function of nothing: any two of its values may be the extremes
         low = high = int(np.argmax(function.u))
     u = None if function.u is None else float(np.hypot(function.u[low], function.u[high]))
     return float(function.value[high] - function.value[low]), u

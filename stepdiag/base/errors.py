@@ -26,9 +26,15 @@ class StepdiagError(Exception):
 
     def __init__(self, where: Words, *, expected: Words, found: Words, remedy: Words = "") -> None:
         parts = {"where": where, "expected": expected, "found": found}
-        self.message = message("refusal-with-remedy", remedy=remedy, **parts) if remedy else message("refusal", **parts)
+        self.message = (
+            message("refusal-with-remedy", remedy=remedy, **parts)
+            if remedy
+            else message("refusal", **parts)
+        )
         bounded = cast("dict[str, Words]", self.message.arguments)
-        self.where, self.expected, self.found, self.remedy = (bounded.get(name, "") for name in ("where", "expected", "found", "remedy"))
+        self.where, self.expected, self.found, self.remedy = (
+            bounded.get(name, "") for name in ("where", "expected", "found", "remedy")
+        )
         super().__init__(str(self.message))
 
 
@@ -37,7 +43,8 @@ class UsageError(StepdiagError, ValueError):
 
 
 class DataError(StepdiagError, ValueError):
-    """The data do not support what was asked: missing pass, broken beam, wrong sequence, damaged file."""
+    """The data do not support what was asked: missing pass, broken beam, wrong sequence, damaged
+    file."""
 
 
 class DeviceError(StepdiagError, ConnectionError):
@@ -45,12 +52,15 @@ class DeviceError(StepdiagError, ConnectionError):
 
 
 class SafetyError(StepdiagError, ValueError):
-    """An export was refused by a safety check; ``code`` names the check: a code of docs/findings.md, or code and variant.
+    """An export was refused by a safety check; ``code`` names the check: a code of
+    docs/findings.md, or code and variant.
 
     A check that is only a warning can be accepted by its code.
     """
 
-    def __init__(self, where: Words, *, code: str, expected: Words, found: Words, remedy: Words = "") -> None:
+    def __init__(
+        self, where: Words, *, code: str, expected: Words, found: Words, remedy: Words = ""
+    ) -> None:
         super().__init__(where, expected=expected, found=found, remedy=remedy)
         self.code = code
 
@@ -66,4 +76,8 @@ def system_words(error: Exception | int) -> Words:
     code = error if isinstance(error, int) else getattr(error, "errno", None)
     if code is None:
         return str(error)
-    return _of_the_system(code) or (os.strerror(code) if isinstance(error, int) else getattr(error, "strerror", None) or str(error))
+    return _of_the_system(code) or (
+        os.strerror(code)
+        if isinstance(error, int)
+        else getattr(error, "strerror", None) or str(error)
+    )

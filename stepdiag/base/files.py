@@ -10,7 +10,13 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from stepdiag.base.disk.part import folder_made, part_of, publish_new, undone_on_failure, write_through
+from stepdiag.base.disk.part import (
+    folder_made,
+    part_of,
+    publish_new,
+    undone_on_failure,
+    write_through,
+)
 from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import Words, message
 
@@ -23,8 +29,26 @@ LARGEST_SETTINGS_BYTES = 1_000_000
 LARGEST_TABLE_BYTES = 4_000_000
 """The largest table of a machine named by a profile, and the largest file in a log."""
 HASH_SUFFIX = ".sha256"
-FILE_SUFFIXES = (".csv", ".docx", ".htm", ".html", ".ini", ".json", ".mcap", ".mpf", ".parquet", ".pdf", ".png", ".rtl", ".svg", ".toml",
-                 ".txt", ".xlsx", ".xml", ".zip")  # fmt: skip
+FILE_SUFFIXES = (
+    ".csv",
+    ".docx",
+    ".htm",
+    ".html",
+    ".ini",
+    ".json",
+    ".mcap",
+    ".mpf",
+    ".parquet",
+    ".pdf",
+    ".png",
+    ".rtl",
+    ".svg",
+    ".toml",
+    ".txt",
+    ".xlsx",
+    ".xml",
+    ".zip",
+)
 """Endings of files: a name with one of these does not name a folder."""
 
 
@@ -43,16 +67,26 @@ def read_bytes(
     Raises UsageError for an unreadable file, ``blame`` for more than ``largest`` bytes.
     """
     if where and path.exists() and not path.is_file():
-        raise UsageError(where, expected=expected, found=message("which-none", name=path.name), remedy=remedy)
+        raise UsageError(
+            where, expected=expected, found=message("which-none", name=path.name), remedy=remedy
+        )
     try:
         with path.open("rb") as file:
             data = file.read(largest + 1)
     except OSError as error:
-        raise UsageError(where or str(path), expected=expected, found=system_words(error), remedy=remedy) from error
+        raise UsageError(
+            where or str(path), expected=expected, found=system_words(error), remedy=remedy
+        ) from error
     except ValueError as error:  # a NUL in the name
-        raise UsageError(where or repr(str(path)), expected=expected, found=str(error), remedy=remedy) from error
+        raise UsageError(
+            where or repr(str(path)), expected=expected, found=str(error), remedy=remedy
+        ) from error
     if len(data) > largest:
-        raise blame(where or str(path), expected=message("file-of-at-most", name=path.name, most=largest), found=message("found-more"))
+        raise blame(
+            where or str(path),
+            expected=message("file-of-at-most", name=path.name, most=largest),
+            found=message("found-more"),
+        )
     return data
 
 
@@ -61,36 +95,47 @@ def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataE
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise blame(where, expected=message("text-in-utf-8"), found=message("byte-is-not", number=error.start)) from error
+        raise blame(
+            where,
+            expected=message("text-in-utf-8"),
+            found=message("byte-is-not", number=error.start),
+        ) from error
 
 
 def read_text(path: Path) -> str:
-    """Return a text file in UTF-8 whose bytes have the hash that stands beside it; where none does, as it stands: another program wrote it.
+    """Return a text file in UTF-8 whose bytes have the hash that stands beside it; where none does,
+    as it stands: another program wrote it.
 
-    A digit that a disk turned over would be another figure. Raises UsageError where it cannot be read, DataError where it is too large,
-    not UTF-8, or of another hash.
+    A digit that a disk turned over would be another figure. Raises UsageError where it cannot be
+    read, DataError where it is too large, not UTF-8, or of another hash.
     """
     data, beside = read_bytes(path), _hash_beside(path)
     if beside.is_file():
-        require_hash(data, read_bytes(beside, largest=LARGEST_SETTINGS_BYTES), str(path), beside.name)
+        require_hash(
+            data, read_bytes(beside, largest=LARGEST_SETTINGS_BYTES), str(path), beside.name
+        )
     # spreadsheets begin a CSV with a byte order mark
     return as_text(data, str(path)).removeprefix("\ufeff")
 
 
 def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
-    """Raise DataError where bytes have another SHA-256 than the ``line`` of sha256sum in the file ``beside`` states."""
+    """Raise DataError where bytes have another SHA-256 than the ``line`` of sha256sum in the file
+    ``beside`` states."""
     found = hashlib.sha256(data).hexdigest()
     # the name behind it is no part: file and hash may have been copied to another one
     if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
         expected = f"SHA-256 {as_text(line[:64], beside)}"
-        raise DataError(where, expected=expected, found=found, remedy=message("make-it-again", name=beside))
+        raise DataError(
+            where, expected=expected, found=found, remedy=message("make-it-again", name=beside)
+        )
 
 
 def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
     """Write files that belong together: all of them whole, or none; their folders are made.
 
-    ``over`` older files, which come back where one of these fails. Otherwise nothing is overwritten: the same bytes stay, other bytes
-    are refused (UsageError) before anything is written. Raises OSError for what the disk refuses.
+    ``over`` older files, which come back where one of these fails. Otherwise nothing is
+    overwritten: the same bytes stay, other bytes are refused (UsageError) before anything is
+    written. Raises OSError for what the disk refuses.
     """
     wanted = {path: data for path, data in files.items() if over or not _stands_there(path, data)}
     with ExitStack() as folders, ExitStack() as parts, undone_on_failure() as undo:
@@ -116,21 +161,26 @@ def holds(path: Path, data: bytes) -> bool:
 
 
 def write_once(path: Path, text: str) -> None:
-    """Write a text file atomically; its folder is made. The same bytes may be written again; other bytes are refused (UsageError)."""
+    """Write a text file atomically; its folder is made. The same bytes may be written again; other
+    bytes are refused (UsageError)."""
     write_together({path: text.encode("utf-8")}, over=False)
 
 
 def hashed(files: Mapping[Path, str]) -> dict[Path, bytes]:
-    """Return text files, each with its SHA-256 beside it (``NAME.sha256``, as ``sha256sum --check`` reads it), to be written together."""
+    """Return text files, each with its SHA-256 beside it (``NAME.sha256``, as ``sha256sum --check``
+    reads it), to be written together."""
     found = {}
     for path, text in files.items():
         found[path] = text.encode("utf-8")
-        found[_hash_beside(path)] = f"{hashlib.sha256(found[path]).hexdigest()}  {path.name}\n".encode()
+        found[_hash_beside(path)] = (
+            f"{hashlib.sha256(found[path]).hexdigest()}  {path.name}\n".encode()
+        )
     return found
 
 
 def write_hashed(path: Path, text: str) -> None:
-    """Write a text file and its hash, both or neither. The same bytes may be written again; other bytes are refused (UsageError)."""
+    """Write a text file and its hash, both or neither. The same bytes may be written again; other
+    bytes are refused (UsageError)."""
     write_together(hashed({path: text}), over=False)
 
 
@@ -141,7 +191,12 @@ def _hash_beside(path: Path) -> Path:
 def refuse_existing(path: Path) -> None:
     """Raise UsageError where a file is there already, before a command asks anything."""
     if path.exists():
-        raise UsageError(str(path), expected=message("new-file"), found=message("one-exists"), remedy=message("name-another-one"))
+        raise UsageError(
+            str(path),
+            expected=message("new-file"),
+            found=message("one-exists"),
+            remedy=message("name-another-one"),
+        )
 
 
 def write_new(path: Path, text: str) -> None:
@@ -153,14 +208,20 @@ def write_new(path: Path, text: str) -> None:
         path.parent.stat()  # of a folder that is not there the name is wrong
         write_once(path, text)
     except OSError as error:
-        raise UsageError(str(path), expected=message("file-can-be-written"), found=system_words(error)) from error
+        raise UsageError(
+            str(path), expected=message("file-can-be-written"), found=system_words(error)
+        ) from error
 
 
 def refuse_file_name(out: Path, expected: str = "a folder") -> None:
-    """Raise UsageError where the name for a new folder is that of a file, such as ``report.pdf``."""
+    """Raise UsageError where the name for a new folder is that of a file, such as
+    ``report.pdf``."""
     if out.suffix.lower() in FILE_SUFFIXES and not out.is_dir():
         raise UsageError(
-            str(out), expected=expected, found=message("name-file", suffix=out.suffix), remedy=message("name-folder-without-ending")
+            str(out),
+            expected=expected,
+            found=message("name-file", suffix=out.suffix),
+            remedy=message("name-folder-without-ending"),
         )
 
 
@@ -170,7 +231,12 @@ def _stands_there(path: Path, data: bytes) -> bool:
         return True
     if path.exists():
         remedy = message("write-into-another-folder")
-        raise UsageError(str(path), expected=message("no-file-same-bytes"), found=message("file-with-other-bytes"), remedy=remedy)
+        raise UsageError(
+            str(path),
+            expected=message("no-file-same-bytes"),
+            found=message("file-with-other-bytes"),
+            remedy=remedy,
+        )
     return False
 
 

@@ -50,15 +50,23 @@ class Finding:
     @property
     def place(self) -> Place:
         """Return where it belongs."""
-        return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
+        return Place(
+            setup=self.setup,
+            way=self.way,
+            pass_number=self.pass_number,
+            stop=self.stop,
+            last=self.last,
+        )
 
     @property
     def words(self) -> Words:
-        """Return the message with its place before it; the text where an old log or result holds nothing else."""
+        """Return the message with its place before it; the text where an old log or result holds
+        nothing else."""
         return self.text if self.message is None else at(self.place, self.message)
 
     def is_accepted(self, accept: Container[str]) -> bool:
-        """Return whether a person accepts it: by its code, by its key, or by a name of an older version."""
+        """Return whether a person accepts it: by its code, by its key, or by a name of an older
+        version."""
         return accepted(self.code, self.key, accept)
 
     def as_json(self) -> dict[str, Any]:
@@ -67,18 +75,32 @@ class Finding:
 
         ``key`` names the sentence of a code with several.
         """
-        place = {"setup": self.setup or None, "pass": self.pass_number, "stop": self.stop, "size_um": self.size_um}
+        place = {
+            "setup": self.setup or None,
+            "pass": self.pass_number,
+            "stop": self.stop,
+            "size_um": self.size_um,
+        }
         known: dict[str, Any] = {name: value for name, value in place.items() if value is not None}
         if self.among:
             known["among"] = list(self.among)
         if self.message is not None:
             words = message_json(self.message)
-            known |= {"arguments": words["arguments"]} | ({} if words["key"] == self.code else {"key": words["key"]})
-        return {"code": self.code, "severity": self.severity, "action": self.action, "text": self.text, **known}
+            known |= {"arguments": words["arguments"]} | (
+                {} if words["key"] == self.code else {"key": words["key"]}
+            )
+        return {
+            "code": self.code,
+            "severity": self.severity,
+            "action": self.action,
+            "text": self.text,
+            **known,
+        }
 
 
 def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> str:
-    """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was found, by default its own.
+    """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was
+    found, by default its own.
 
     The text of an old log or result stands as it is.
     """
@@ -89,9 +111,16 @@ def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> s
 
 
 def finding(
-    severity: Severity, words: Message, place: Place = NOWHERE, *, code: str = "", size_um: float | None = None, among: tuple[str, ...] = ()
+    severity: Severity,
+    words: Message,
+    place: Place = NOWHERE,
+    *,
+    code: str = "",
+    size_um: float | None = None,
+    among: tuple[str, ...] = (),
 ) -> Finding:
-    """Return the finding of a message. Its code is the message's key without a variant; a phrase serves several codes and needs ``code``.
+    """Return the finding of a message. Its code is the message's key without a variant; a phrase
+    serves several codes and needs ``code``.
 
     Raises KeyError for a phrase without a code.
     """

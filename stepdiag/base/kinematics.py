@@ -42,7 +42,9 @@ def parse_chain(text: str, where: str = "chain") -> Chain:
     primed = [word != name for word, name in zip(words, names, strict=True)]
     if any(primed[at:]) or (any(primed[:at]) and not all(primed[:at])):
         raise _refusal(where, text)
-    work, tool = (tuple(AXES.index(name.lower()) for name in some) for some in (names[:at], names[at + 1 :]))
+    work, tool = (
+        tuple(AXES.index(name.lower()) for name in some) for some in (names[:at], names[at + 1 :])
+    )
     return Chain(work=work, tool=tool)
 
 
@@ -56,11 +58,13 @@ def _refusal(where: str, text: str) -> UsageError:
 
 
 def abbe_mask(chain: str, where: str = "chain") -> NDArray[np.float64]:
-    """Return which coordinates of a point are in the Abbe arm of each axis, shape (axis, coordinate), entries 0 or 1.
+    """Return which coordinates of a point are in the Abbe arm of each axis, shape (axis,
+    coordinate), entries 0 or 1.
 
-    The arm of axis ``a`` is ``r_a = mask[a] * (P - origin)`` (theory 2.2). The carriage of a tool-side axis stands where all work-side
-    axes, the tool-side axes from the bed up to it, and itself have brought it; the carriage of a work-side axis stands where the
-    axes nearer to the workpiece have.
+    The arm of axis ``a`` is ``r_a = mask[a] * (P - origin)`` (theory 2.2). The carriage of a
+    tool-side axis stands where all work-side axes, the tool-side axes from the bed up to it, and
+    itself have brought it; the carriage of a work-side axis stands where the axes nearer to the
+    workpiece have.
     """
     work, tool = parse_chain(chain, where)
     mask = np.ones((3, 3))

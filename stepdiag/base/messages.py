@@ -1,10 +1,11 @@
-"""A message as a value: a key, arguments with units in their names, and where it belongs. Words are made where it is shown.
+"""A message as a value: a key, arguments with units in their names, and where it belongs. Words are
+made where it is shown.
 
     words = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
     rendered(words, "de")
 
-The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of every argument. A text takes the place
-of a message where an old log or result holds nothing else.
+The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of
+every argument. A text takes the place of a message where an old log or result holds nothing else.
 """
 
 import json
@@ -41,7 +42,8 @@ def excerpt(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A sentence of the catalogue and its arguments; as a text it is the English sentence. Made by `message`."""
+    """A sentence of the catalogue and its arguments; as a text it is the English sentence. Made by
+    `message`."""
 
     key: str
     arguments: "dict[str, Kept]" = field(default_factory=dict)
@@ -63,7 +65,8 @@ Words = Message | str
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
 Kept = Message | str | int | float | tuple[Item, ...]
-"""An argument as a message keeps it: two messages of the same arguments are equal, read from JSON or made here."""
+"""An argument as a message keeps it: two messages of the same arguments are equal, read from JSON
+or made here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,21 +81,29 @@ class Place:
 
 
 def message(key: str, /, **arguments: Argument) -> Message:
-    """Return a message. Raises KeyError for a key that the catalogue does not have, TypeError for arguments of other names or types."""
+    """Return a message. Raises KeyError for a key that the catalogue does not have, TypeError for
+    arguments of other names or types."""
     return _checked(key, arguments)
 
 
 def _checked(key: str, arguments: Mapping[str, Argument]) -> Message:
     wanted = slots(key)
     if arguments.keys() != wanted.keys():
-        raise TypeError(f"message {key}: expected the arguments {', '.join(wanted)}, found {', '.join(arguments)}")
-    return Message(key, {name: _plain(key, name, kind, arguments[name]) for name, kind in wanted.items()})
+        raise TypeError(
+            f"message {key}: expected the arguments {', '.join(wanted)}, found "
+            f"{', '.join(arguments)}"
+        )
+    return Message(
+        key, {name: _plain(key, name, kind, arguments[name]) for name, kind in wanted.items()}
+    )
 
 
 def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
     """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
     match kind:
-        case "name":  # mypy sees to its type; a refusal is no place to break at what it could not see
+        case (
+            "name"
+        ):  # mypy sees to its type; a refusal is no place to break at what it could not see
             return value if isinstance(value, Message) else shortened(str(value))
         case "number" if isinstance(value, int | float):
             return float(value)
@@ -100,7 +111,9 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
             return int(value)
         case "stops" if isinstance(value, Sequence) and not isinstance(value, str):
             return tuple(int(item) for item in value)  # type: ignore[arg-type]
-        case "list" | "each" | "or" | "and" if isinstance(value, Sequence) and not isinstance(value, str):
+        case "list" | "each" | "or" | "and" if isinstance(value, Sequence) and not isinstance(
+            value, str
+        ):
             return tuple(shortened(item) if isinstance(item, str) else item for item in value)
     raise TypeError(f"message {key}: {name}: expected a {kind}, found {type(value).__name__}")
 
@@ -110,10 +123,19 @@ def rendered(words: Words, language: Language) -> str:
     if isinstance(words, str):
         return localised(words, language)
     known = sentences().get(words.key)
-    if known is None or slots(words.key).keys() != words.arguments.keys():  # of a log of another version, without its text
+    if (
+        known is None or slots(words.key).keys() != words.arguments.keys()
+    ):  # of a log of another version, without its text
         return words.key
-    filled = ("" if slot is None else _filled(slot, words.arguments[slot.name], language) for _, slot in known[language])
-    return "".join(part for (literal, _), value in zip(known[language], filled, strict=True) for part in (literal, value))
+    filled = (
+        "" if slot is None else _filled(slot, words.arguments[slot.name], language)
+        for _, slot in known[language]
+    )
+    return "".join(
+        part
+        for (literal, _), value in zip(known[language], filled, strict=True)
+        for part in (literal, value)
+    )
 
 
 def _filled(slot: Slot, value: Any, language: Language) -> str:
@@ -140,7 +162,8 @@ def run(setup: str, way: Way) -> Message:
 
 
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return words with their pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
+    """Return words with their pass and stop before it; ``stops`` are several stops of the pass,
+    without them that of the place."""
     if not place.way:
         return words
     run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": words}
@@ -165,22 +188,31 @@ def in_every_language(words: Words) -> dict[Language, str]:
 
 def message_json(words: Message) -> dict[str, Any]:
     """Return a message as JSON: key and arguments, messages within it likewise."""
-    return {"key": words.key, "arguments": {name: _json(value) for name, value in words.arguments.items()}}
+    return {
+        "key": words.key,
+        "arguments": {name: _json(value) for name, value in words.arguments.items()},
+    }
 
 
 def _json(value: Argument | Item) -> Any:
     if isinstance(value, Message):
         return message_json(value)
-    return [_json(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+    return (
+        [_json(item) for item in value]
+        if isinstance(value, Sequence) and not isinstance(value, str)
+        else value
+    )
 
 
 def kept(words: Words) -> str:
-    """Return a message as JSON text, for a log whose text stands beside it; empty for what is text alone. `of_log` reads it again."""
+    """Return a message as JSON text, for a log whose text stands beside it; empty for what is text
+    alone. `of_log` reads it again."""
     return json.dumps(message_json(words), ensure_ascii=False) if isinstance(words, Message) else ""
 
 
 def of_log(text: str, kept_message: str) -> Words:
-    """Return what a log holds: a message of this program, else the text as it stands. Raises ValueError for what is no JSON."""
+    """Return what a log holds: a message of this program, else the text as it stands. Raises
+    ValueError for what is no JSON."""
     return (message_of(json.loads(kept_message)) if kept_message else None) or text
 
 

@@ -36,14 +36,22 @@ _PLAIN: dict[type[inspect.Type], Message] = {
 
 
 def read_toml(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; a byte order mark is passed over. Raises ``UsageError`` with the line where it is no TOML."""
+    """Return the tables of a TOML text; a byte order mark is passed over. Raises ``UsageError``
+    with the line where it is no TOML."""
     text = text.removeprefix("\ufeff")
     deep = longer_than(_DEEPEST, text)
     if deep is not None:
-        raise UsageError(f"{source}: line {deep.line}", expected=message("names-at-most-parts", deepest=_DEEPEST), found=show(deep.text))
+        raise UsageError(
+            f"{source}: line {deep.line}",
+            expected=message("names-at-most-parts", deepest=_DEEPEST),
+            found=show(deep.text),
+        )
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError also for whole numbers of thousands of digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # ValueError also for whole numbers of thousands of digits
         raise UsageError(source, expected="TOML", found=str(error)) from error
 
 
@@ -52,11 +60,17 @@ def require_answers(data: object, source: str) -> None:
     questions = list(_unanswered(data, ""))
     if questions:
         remedy = message("unanswered", names=questions)
-        raise UsageError(f"{source}: {questions[0]}", expected=message("an-answer"), found=f'"{UNANSWERED}"', remedy=remedy)
+        raise UsageError(
+            f"{source}: {questions[0]}",
+            expected=message("an-answer"),
+            found=f'"{UNANSWERED}"',
+            remedy=remedy,
+        )
 
 
 def convert(data: object, model: type[Model], source: str, at: str = "") -> Model:
-    """Return ``data`` as a ``model``; ``at`` is its path within the file. Raises ``UsageError`` for the first field that is wrong."""
+    """Return ``data`` as a ``model``; ``at`` is its path within the file. Raises ``UsageError`` for
+    the first field that is wrong."""
     _check(data, model, source, at)
     return msgspec.convert(data, model)
 
@@ -64,21 +78,37 @@ def convert(data: object, model: type[Model], source: str, at: str = "") -> Mode
 def nearest(word: str, known: list[str]) -> Message:
     """Return a remedy that names the nearest known word, or all of them."""
     close = _close(word, known)
-    return message("did-you-mean-near", near=close) if close else message("known-names", names=known)
+    return (
+        message("did-you-mean-near", near=close) if close else message("known-names", names=known)
+    )
 
 
 def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
     """Return the refusal of an unknown key, with the nearest known key."""
     remedy = nearest(key, known) if _close(key, known) else ""
     return UsageError(
-        f"{source}: {path}", expected=message("one-of", names=sorted(known)), found=message("unknown-name", name=key), remedy=remedy
+        f"{source}: {path}",
+        expected=message("one-of", names=sorted(known)),
+        found=message("unknown-name", name=key),
+        remedy=remedy,
     )
 
 
-def refuse(source: str, field: str, expected: Words, found: object, remedy: Words = "") -> UsageError:
-    """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found "fast"``."""
-    shown = found if isinstance(found, Message) else message("a-table") if isinstance(found, dict) else show(found)
-    return UsageError(f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy)
+def refuse(
+    source: str, field: str, expected: Words, found: object, remedy: Words = ""
+) -> UsageError:
+    """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found
+    "fast"``."""
+    shown = (
+        found
+        if isinstance(found, Message)
+        else message("a-table")
+        if isinstance(found, dict)
+        else show(found)
+    )
+    return UsageError(
+        f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy
+    )
 
 
 def show(value: object) -> str:
@@ -95,13 +125,20 @@ def expectation(info: inspect.Type) -> Words:
         case inspect.LiteralType():
             return message("one-of", names=[show(value) for value in sorted(info.values, key=str)])
         case inspect.IntType() | inspect.FloatType():
-            return _limited(message("whole-number") if isinstance(info, inspect.IntType) else message("a-number"), info)
+            return _limited(
+                message("whole-number")
+                if isinstance(info, inspect.IntType)
+                else message("a-number"),
+                info,
+            )
         case inspect.Metadata(extra_json_schema={"description": str(key)}):
             return message_of({"key": key, "arguments": {}}) or key
         case inspect.StrType():
             return message("a-text-not-empty") if info.min_length else message("a-text")
         case inspect.TupleType():
-            return message("values-each", count=len(info.item_types), kind=expectation(info.item_types[0]))
+            return message(
+                "values-each", count=len(info.item_types), kind=expectation(info.item_types[0])
+            )
         case inspect.ListType() if info.min_length and info.min_length == info.max_length:
             return message("list-of-each", count=info.min_length, kind=expectation(info.item_type))
         case inspect.ListType() | inspect.VarTupleType():
@@ -146,14 +183,17 @@ def _check(value: object, hint: Any, source: str, path: str) -> None:
 
 
 def _item_hints(hint: Any, count: int) -> tuple[Any, ...]:
-    """Return the annotation of each of ``count`` items; nothing where so many do not fit, or the field is no list."""
+    """Return the annotation of each of ``count`` items; nothing where so many do not fit, or the
+    field is no list."""
     parts = get_args(hint)
     if get_origin(hint) is list or (get_origin(hint) is tuple and parts[-1] is Ellipsis):
         return (parts[0],) * count
     return parts if get_origin(hint) is tuple and len(parts) == count else ()
 
 
-def _check_struct(table: dict[str, Any], model: type[msgspec.Struct], source: str, path: str) -> None:
+def _check_struct(
+    table: dict[str, Any], model: type[msgspec.Struct], source: str, path: str
+) -> None:
     prefix = f"{path}." if path else ""
     known = {field.encode_name: field for field in msgspec.structs.fields(model)}
     for key in table:
@@ -164,7 +204,12 @@ def _check_struct(table: dict[str, Any], model: type[msgspec.Struct], source: st
             _check(table[name], field.type, source, prefix + name)
         elif field.required:
             expected = expectation(inspect.type_info(field.type))
-            raise UsageError(f"{source}: {prefix}{name}", expected=expected, found=message("nothing"), remedy=message("add-it"))
+            raise UsageError(
+                f"{source}: {prefix}{name}",
+                expected=expected,
+                found=message("nothing"),
+                remedy=message("add-it"),
+            )
 
 
 def _table(value: object, source: str, path: str) -> dict[str, Any]:
@@ -179,7 +224,9 @@ def _check_leaf(value: object, hint: Any, source: str, path: str) -> None:
     except msgspec.ValidationError:
         converted = math.nan
     endless = isinstance(converted, int | float) and not abs(converted) <= LARGEST
-    if endless or (isinstance(converted, str) and "\0" in converted):  # a NUL ends a name where the system reads it
+    if endless or (
+        isinstance(converted, str) and "\0" in converted
+    ):  # a NUL ends a name where the system reads it
         raise refuse(source, path, expectation(inspect.type_info(hint)), value)
 
 

@@ -1,8 +1,10 @@
 """The names of setups and the machine's travel behind them.
 
     ppp npp pnp ppn        body step diagonal: the axes move one after the other (contract 1)
-    face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third stands
-    body-ppp body-npp      body diagonal with all axes moving together, read once per increment (ISO 230-6)
+    face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third
+    stands
+    body-ppp body-npp      body diagonal with all axes moving together, read once per increment (ISO
+    230-6)
     linear-x linear-y      run along one axis
     fourdof-x fourdof-y    run of the 4-DOF head along one axis: its own record, no readings
 
@@ -23,7 +25,11 @@ from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS,
 
 Kind = Literal["step", "face", "body", "linear", "fourdof"]
 
-FACE_DIAGONALS = tuple(f"face-{first}{second}-{signs}" for first, second in combinations(AXES, 2) for signs in ("pp", "np"))
+FACE_DIAGONALS = tuple(
+    f"face-{first}{second}-{signs}"
+    for first, second in combinations(AXES, 2)
+    for signs in ("pp", "np")
+)
 CONTINUOUS_DIAGONALS = tuple(f"body-{diagonal}" for diagonal in BODY_DIAGONALS)
 SETUP_NAMES = (*BODY_DIAGONALS, *FACE_DIAGONALS, *CONTINUOUS_DIAGONALS, *LINEAR_RUNS)
 """Every setup whose readings the solver understands, in the order in which tables list them."""
@@ -36,7 +42,8 @@ _CODES = {name: number for number, name in SETUP_NUMBERS.items()}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """A setup: ``kind`` of travel, its name without shift (``base``), and the number of its ``shift``, 0 for the usual line.
+    """A setup: ``kind`` of travel, its name without shift (``base``), and the number of its
+    ``shift``, 0 for the usual line.
 
     ``signs`` holds +1, -1 or 0 (standing) per axis for the outward pass.
     """
@@ -78,18 +85,32 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
     ``names``, shifted or not.
     """
     base, plus, number = name.partition("+")
-    if base not in names or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
+    if base not in names or (
+        plus
+        and not (
+            number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6
+        )
+    ):
         near = difflib.get_close_matches(base, names, cutoff=0.5)
-        remedy = message("did-you-mean-near", near=repr(near[0])) if near else message("shifted-beam-second-alignment")
-        raise UsageError(where, expected=message("one-of", names=list(names)), found=repr(name), remedy=remedy)
-    return Setup(name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0)
+        remedy = (
+            message("did-you-mean-near", near=repr(near[0]))
+            if near
+            else message("shifted-beam-second-alignment")
+        )
+        raise UsageError(
+            where, expected=message("one-of", names=list(names)), found=repr(name), remedy=remedy
+        )
+    return Setup(
+        name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0
+    )
 
 
 def setup_code(setup: str, planned: Sequence[str]) -> int:
-    """Return the number of the machine's ``setup`` register for a setup of a plan: 100 + k for the k-th, where it has none of its own.
+    """Return the number of the machine's ``setup`` register for a setup of a plan: 100 + k for the
+    k-th, where it has none of its own.
 
-    A shifted beam on a body diagonal has that of its diagonal: the machine drives the same. Raises ``UsageError`` for a name that is no
-    setup.
+    A shifted beam on a body diagonal has that of its diagonal: the machine drives the same. Raises
+    ``UsageError`` for a name that is no setup.
     """
     travel = setup_of(setup, "plan.setups")
     if travel.base in _CODES and (travel.is_diagonal or not travel.shift):
@@ -98,13 +119,16 @@ def setup_code(setup: str, planned: Sequence[str]) -> int:
 
 
 def setups_meant(code: int | None, planned: Iterable[str]) -> list[str]:
-    """Return the setups of a plan, in its order, that a number of the ``setup`` register may mean."""
+    """Return the setups of a plan, in its order, that a number of the ``setup`` register may
+    mean."""
     names = list(planned)
     if code is not None and CODED_FROM < code <= CODED_FROM + len(names):
         return [names[code - CODED_FROM - 1]]
     base = SETUP_NUMBERS.get(code) if code is not None else None
     meant = [name for name in names if setup_of(name).base == base]
-    return [name for name in meant if setup_of(name).is_diagonal or not setup_of(name).shift] or meant
+    return [
+        name for name in meant if setup_of(name).is_diagonal or not setup_of(name).shift
+    ] or meant
 
 
 def _kind(base: str) -> Kind:

@@ -1,4 +1,5 @@
-"""The measured volume, its diagonals and the ordered stops of a pass (contract 1; Wang 2000, sections II and III.E)."""
+"""The measured volume, its diagonals and the ordered stops of a pass (contract 1; Wang 2000,
+sections II and III.E)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ solver takes a minute and 2.4 GB for it, and both grow with the second to third 
 SHORTEST_MACHINE_MM = 10.0
 
 POSITION_TOLERANCE_MM = 0.125
-"""A stop lies within so much of its target: a program with one decimal is off by 0.05 mm, and a G91 program adds up its rounding. Stop and
-box together may differ by twice that, as recording takes stops (`daq.capture.place.route`). An error function changes by nanometres over
-such a way, which `solver.adjustment` takes off as well."""
+"""A stop lies within so much of its target: a program with one decimal is off by 0.05 mm, and a G91
+program adds up its rounding. Stop and box together may differ by twice that, as recording takes
+stops (`daq.capture.place.route`). An error function changes by nanometres over such a way, which
+`solver.adjustment` takes off as well."""
 SHARE_OF_STEP = 0.25
 """Of an increment, if less: two targets must not become one."""
 ROUNDING_MM = 1e-6
@@ -85,8 +87,12 @@ class Volume:
 
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
-    """Return how far beside its target a stop may lie where targets are ``step_mm`` apart, 0 for an axis with one target, shape (k,)."""
-    tolerance: Vector = np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)) + ROUNDING_MM
+    """Return how far beside its target a stop may lie where targets are ``step_mm`` apart, 0 for an
+    axis with one target, shape (k,)."""
+    tolerance: Vector = (
+        np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf))
+        + ROUNDING_MM
+    )
     return tolerance
 
 
@@ -98,7 +104,8 @@ def reads_like_metres(size_mm: Iterable[float]) -> bool:
 
 
 def travel_signs(diagonal: str) -> NDArray[np.int64]:
-    """Return +1 or -1 per axis for ``ppp`` .. ``ppn``: the direction of travel of the outward pass, shape (3,)."""
+    """Return +1 or -1 per axis for ``ppp`` .. ``ppn``: the direction of travel of the outward pass,
+    shape (3,)."""
     return np.array([1 if letter == "p" else -1 for letter in diagonal], dtype=np.int64)
 
 
@@ -112,7 +119,8 @@ def diagonal_direction(volume: Volume, diagonal: str) -> Vector:
 def diagonal_nodes(volume: Volume, diagonal: str, order: str = "xyz") -> NDArray[np.int64]:
     """Return the node index of every axis at every stop of the outward pass, shape (3n+1, 3).
 
-    An axis that runs backwards counts from ``n`` down to 0. The return pass visits the same stops in reverse.
+    An axis that runs backwards counts from ``n`` down to 0. The return pass visits the same stops
+    in reverse.
     """
     n = volume.increments
     steps = np.zeros((3 * n + 1, 3), dtype=np.int64)
@@ -124,7 +132,10 @@ def diagonal_nodes(volume: Volume, diagonal: str, order: str = "xyz") -> NDArray
 
 def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
     """Return commanded positions of node indices, shape like ``nodes``."""
-    positions: Vector = np.asarray(volume.origin_mm) + np.asarray(volume.size_mm, dtype=np.float64) * nodes / volume.increments
+    positions: Vector = (
+        np.asarray(volume.origin_mm)
+        + np.asarray(volume.size_mm, dtype=np.float64) * nodes / volume.increments
+    )
     return positions
 
 
@@ -134,7 +145,8 @@ def diagonal_stops_mm(volume: Volume, diagonal: str, order: str = "xyz") -> Vect
 
 
 def linear_stops_mm(volume: Volume, setup: str) -> Vector:
-    """Return the commanded positions of a run along one axis, shape (n+1, 3), the other axes at their low end."""
+    """Return the commanded positions of a run along one axis, shape (n+1, 3), the other axes at
+    their low end."""
     axis = AXES.index(setup[-1])
     stops = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (volume.increments + 1, 1))
     stops[:, axis] = volume.nodes_mm(axis)
@@ -142,7 +154,8 @@ def linear_stops_mm(volume: Volume, setup: str) -> Vector:
 
 
 def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
-    """Return about ``count`` targets along an axis, ascending: the nodes, and between them places in no step with anything periodic.
+    """Return about ``count`` targets along an axis, ascending: the nodes, and between them places
+    in no step with anything periodic.
 
     ISO 230-2 requires P_i = (i - 1) p + r with another r at each target; r is a fraction of p
     within `BESIDE_EVEN`, the golden ratio's multiples, so that every program of a survey has the
@@ -159,17 +172,21 @@ def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
 
 
 def in_step(step_mm: float, pitch_mm: float) -> bool:
-    """Return whether targets meet a wave of one or of half a pitch always in the same place, within a twentieth of its length."""
+    """Return whether targets meet a wave of one or of half a pitch always in the same place, within
+    a twentieth of its length."""
     turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
     return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)
 
 
 def anywhere_mm(volume: Volume) -> Vector:
-    """Return `POINTS` points spread evenly over the volume and in no step with the targets, shape (points, 3): wherever a tool may go.
+    """Return `POINTS` points spread evenly over the volume and in no step with the targets, shape
+    (points, 3): wherever a tool may go.
 
     A Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
     """
-    share = np.mod(0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)), 1.0)
+    share = np.mod(
+        0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)), 1.0
+    )
     points: Vector = np.asarray(volume.origin_mm) + share * np.asarray(volume.size_mm)
     return points
 

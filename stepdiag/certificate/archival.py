@@ -1,4 +1,5 @@
-"""The report's print as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, by pikepdf, which ``stepdiag[certificate]`` brings.
+"""The report's print as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, by pikepdf,
+which ``stepdiag[certificate]`` brings.
 
 Chromium embeds every font, encrypts nothing and writes no script. A print lacks three parts of
 PDF/A: the profile of its colours (sRGB), the metadata that name part and level, and the relation of
@@ -34,10 +35,21 @@ def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
     print that lacks a font.
     """
     pikepdf = _library()
-    numbers = {number: b"(node%08d)" % rank for rank, number in enumerate(sorted(set(_NODE.findall(printed))))}
+    numbers = {
+        number: b"(node%08d)" % rank
+        for rank, number in enumerate(sorted(set(_NODE.findall(printed))))
+    }
     with pikepdf.open(io.BytesIO(_NODE.sub(lambda found: numbers[found[1]], printed))) as document:
-        described = [one for one in document.objects if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/FontDescriptor"]
-        missing = [str(one.FontName) for one in described if not any(f"/FontFile{kind}" in one for kind in ("", "2", "3"))]
+        described = [
+            one
+            for one in document.objects
+            if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/FontDescriptor"
+        ]
+        missing = [
+            str(one.FontName)
+            for one in described
+            if not any(f"/FontFile{kind}" in one for kind in ("", "2", "3"))
+        ]
         if missing:
             raise DataError("PDF", expected=message("fonts-embedded"), found=", ".join(missing))
         for each in {"/CreationDate", "/ModDate"} & set(document.docinfo.keys()):
@@ -45,9 +57,14 @@ def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
         document.Root.OutputIntents = [_intent(document)]
         ended = _ENDED.search(certificate)
         document.attachments[name] = pikepdf.AttachedFileSpec(
-            document, certificate, filename=name, description=name, mime_type="text/xml", relationship=pikepdf.Name.Alternative,
+            document,
+            certificate,
+            filename=name,
+            description=name,
+            mime_type="text/xml",
+            relationship=pikepdf.Name.Alternative,
             mod_date="" if ended is None else f"D:{b''.join(ended.groups()).decode()}000000Z",
-        )  # fmt: skip
+        )
         document.Root.AF = [document.attachments[name].obj]
         with document.open_metadata(set_pikepdf_as_editor=False) as metadata:
             metadata.load_from_docinfo(document.docinfo)
@@ -63,11 +80,16 @@ def _intent(document: Any) -> Any:
     from PIL.ImageCms import ImageCmsProfile, createProfile
 
     profile = bytearray(ImageCmsProfile(createProfile("sRGB")).tobytes())
-    profile[_PROFILE_DATE] = bytes([7, 208, 0, 1, 0, 1]).ljust(12, b"\0")  # the first day of 2000: the same profile every time
+    profile[_PROFILE_DATE] = bytes([7, 208, 0, 1, 0, 1]).ljust(
+        12, b"\0"
+    )  # the first day of 2000: the same profile every time
     return Dictionary(
-        Type=Name.OutputIntent, S=Name.GTS_PDFA1, OutputConditionIdentifier="sRGB", Info="sRGB",
+        Type=Name.OutputIntent,
+        S=Name.GTS_PDFA1,
+        OutputConditionIdentifier="sRGB",
+        Info="sRGB",
         DestOutputProfile=document.make_stream(bytes(profile), N=3),
-    )  # fmt: skip
+    )
 
 
 def attached_in(archived: bytes, name: str) -> tuple[str, bytes, str]:

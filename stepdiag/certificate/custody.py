@@ -1,12 +1,20 @@
-"""The chain of custody: from a certificate back to the logs, link by link, and every figure computed again.
+"""The chain of custody: from a certificate back to the logs, link by link, and every figure
+computed again.
 
-certificate -> laboratory's file, result, files, report, certificates of the equipment     by SHA-256
-files       -> result                                                                      the hash that they name
-report      -> result, files, settings                                                     rendered again, compared to the byte
-PDF         -> report, certificate                                                         printed again, compared to the byte
-result      -> logs, or readings and the files beside them                                 by SHA-256
-logs        -> result                                                                      solved again
-result      -> certificate                                                                 written again, compared element by element
+certificate -> laboratory's file, result, files, report, certificates of the equipment     by
+SHA-256
+files       -> result                                                                      the hash
+that they name
+report      -> result, files, settings                                                     rendered
+again, compared to the byte
+PDF         -> report, certificate                                                         printed
+again, compared to the byte
+result      -> logs, or readings and the files beside them                                 by
+SHA-256
+logs        -> result                                                                      solved
+again
+result      -> certificate                                                                 written
+again, compared element by element
 """
 
 import hashlib
@@ -38,7 +46,14 @@ from stepdiag.exporters.files.sets import SUMS, listed
 from stepdiag.report.laboratory import read_laboratory, sha256_of
 from stepdiag.report.output import printed
 
-LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = "log", "result", "result_as_left", "laboratory", "file", "report"
+LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = (
+    "log",
+    "result",
+    "result_as_left",
+    "laboratory",
+    "file",
+    "report",
+)
 READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
 ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
 """Roles that a certificate names once at most."""
@@ -72,28 +87,47 @@ class Verified(NamedTuple):
     signed: bool
 
 
-def links_of(result: Path, stated: Path | None, *, left: Path | None = None, files: Sequence[tuple[str, Path]] = ()) -> list[Link]:
+def links_of(
+    result: Path,
+    stated: Path | None,
+    *,
+    left: Path | None = None,
+    files: Sequence[tuple[str, Path]] = (),
+) -> list[Link]:
     """Return the sources of a certificate: result, the sources of the result, the laboratory's
     file, and ``files``.
 
     Raises DataError for an export of another result or with a changed file, and for a report that
     does not follow from all these.
     """
-    found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result)), *_persons(result.parent, "")]
+    found = [
+        (RESULT, result.name, sha256_of(result)),
+        *_sources(_read(result)),
+        *_persons(result.parent, ""),
+    ]
     if left is not None:
         of_left = [*_sources(_read(left)), *_persons(left.parent, "")]
-        found += [(LEFT, left.name, sha256_of(left)), *((role + AS_LEFT, name, sha) for role, name, sha in of_left)]
+        found += [
+            (LEFT, left.name, sha256_of(left)),
+            *((role + AS_LEFT, name, sha) for role, name, sha in of_left),
+        ]
     if stated is not None:
         found.append((LABORATORY, stated.name, sha256_of(stated)))
     held = {(role, path.name, sha256_of(path)): path for role, path in files}
-    held |= {link: result.parent / link[1] for link in found if link[0] == READINGS and (result.parent / link[1]).is_file()}
+    held |= {
+        link: result.parent / link[1]
+        for link in found
+        if link[0] == READINGS and (result.parent / link[1]).is_file()
+    }
     known = {RESULT: result, LEFT: left, LABORATORY: stated}
     held |= {link: path for link in found if (path := known.get(link[0])) is not None}
     links = found + [link for link in held if link not in found]
     try:
         _require_files(links, held)
     except BrokenLinkError as broken:
-        raise DataError(result.name, expected=message("files-of-the-result"), found=broken.link) from broken
+        raise DataError(
+            result.name, expected=message("files-of-the-result"), found=broken.link
+        ) from broken
     return links
 
 
@@ -101,11 +135,17 @@ def _follows(report: Path, held: Mapping[Link, Path]) -> bool:
     """Return whether a report follows from the sources named in its certificate."""
     once = {role: path for (role, _, _), path in held.items() if role in ONCE}
     readings = next((path for (role, _, _), path in held.items() if role == READINGS), None)
-    return follows(report, once, [path for (role, _, _), path in held.items() if role == FILE], readings)
+    return follows(
+        report, once, [path for (role, _, _), path in held.items() if role == FILE], readings
+    )
 
 
 def _persons(folder: Path, suffix: str) -> list[Link]:
-    return [(role + suffix, name, sha256_of(folder / name)) for role, name in PERSONS.items() if (folder / name).is_file()]
+    return [
+        (role + suffix, name, sha256_of(folder / name))
+        for role, name in PERSONS.items()
+        if (folder / name).is_file()
+    ]
 
 
 def _sources(result: Result) -> list[Link]:
@@ -119,20 +159,25 @@ def _read(path: Path) -> Result:
 def accepted_in(folder: Path) -> list[str]:
     """Return the findings that a person accepted in a survey's folder, with name and reason."""
     places = (
-        (one, f"{one.setup}/{one.pass_number}" + ("" if one.stop is None else f"/{one.stop}")) for one in verdicts_in(folder).accepted
+        (one, f"{one.setup}/{one.pass_number}" + ("" if one.stop is None else f"/{one.stop}"))
+        for one in verdicts_in(folder).accepted
     )
     return [f"{place}: {one.code}; {one.name}: {one.reason}" for one, place in places]
 
 
 def verify_certificate(certificate: Path, *folders: Path) -> Verified:
-    """Return whether a certificate follows from what stands in folders, and the first link that does not hold.
+    """Return whether a certificate follows from what stands in folders, and the first link that
+    does not hold.
 
     Raises DataError for a file that is no certificate.
     """
     data = read_bytes(certificate)
     root = parsed(data, certificate.name)
     signed = root.find(_SIGNATURE) is not None
-    links, figures = custody_of(root), sum(1 for one in root.iter() if one.tag in (f"{{{SI}}}value", f"{{{SI}}}valueXMLList"))
+    links, figures = (
+        custody_of(root),
+        sum(1 for one in root.iter() if one.tag in (f"{{{SI}}}value", f"{{{SI}}}valueXMLList")),
+    )
     try:
         held = _held(links, folders)
         _walk(root, data, links, held, signed=signed)
@@ -142,10 +187,11 @@ def verify_certificate(certificate: Path, *folders: Path) -> Verified:
 
 
 def verify_archived(archived: Path, *folders: Path) -> Verified:
-    """Return what `verify_certificate` does of the certificate in a PDF, and whether its pages are the print of the report.
+    """Return what `verify_certificate` does of the certificate in a PDF, and whether its pages are
+    the print of the report.
 
-    The report is printed again: another browser draws other bytes, and is named. Raises DataError for a PDF without a certificate,
-    DeviceError without a browser.
+    The report is printed again: another browser draws other bytes, and is named. Raises DataError
+    for a PDF without a certificate, DeviceError without a browser.
     """
     data = read_bytes(archived)
     name, certificate, printer = attached_in(data, archived.name)
@@ -156,7 +202,10 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
     if found.broken is not None:
         return found
     held = _held(custody_of(parsed(certificate, name)), folders)
-    report = next((path for (role, each, _), path in held.items() if role == REPORT and is_rendered(each)), None)
+    report = next(
+        (path for (role, each, _), path in held.items() if role == REPORT and is_rendered(each)),
+        None,
+    )
     if report is None:
         return found._replace(broken=message("custody-unnamed", role=REPORT))
     again = archival(printed(read_bytes(report)), name, certificate)
@@ -164,11 +213,16 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
     if again == data:
         return found
     other = message("custody-print", name=archived.name)
-    return found._replace(broken=other if here == printer else message("custody-printer", name=archived.name, found=printer, here=here))
+    return found._replace(
+        broken=other
+        if here == printer
+        else message("custody-printer", name=archived.name, found=printer, here=here)
+    )
 
 
 def parsed(data: bytes, name: str) -> ET.Element:
-    """Return the tree of a certificate. Raises DataError for another file; a document type, which may hide entities, is refused."""
+    """Return the tree of a certificate. Raises DataError for another file; a document type, which
+    may hide entities, is refused."""
     try:
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise ET.ParseError("a document type")
@@ -182,7 +236,9 @@ def parsed(data: bytes, name: str) -> ET.Element:
 
 def custody_of(root: ET.Element) -> list[Link]:
     """Return the links that a certificate names."""
-    notes = root.findall(f".//{{{DCC}}}metaData[@refType='stepdiag_custody']/{{{DCC}}}data/{{{DCC}}}quantity")
+    notes = root.findall(
+        f".//{{{DCC}}}metaData[@refType='stepdiag_custody']/{{{DCC}}}data/{{{DCC}}}quantity"
+    )
     content = f"{{{DCC}}}content"
     return [
         (
@@ -195,28 +251,49 @@ def custody_of(root: ET.Element) -> list[Link]:
 
 
 def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
-    """Return where each link stands in the folders. Raises BrokenLinkError for the first that does not."""
+    """Return where each link stands in the folders. Raises BrokenLinkError for the first that does
+    not."""
     # a copy below, such as that of a replay, stands behind what it was copied from
-    found = sorted((path for folder in folders for path in folder.rglob("*")), key=lambda path: (len(path.parts), path))
+    found = sorted(
+        (path for folder in folders for path in folder.rglob("*")),
+        key=lambda path: (len(path.parts), path),
+    )
     files = [path for path in found if path.is_file()][:MOST_FILES]
     named = {name for _, name, _ in links}
-    hashes = {path: _hash(path) for path in files if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}}
+    hashes = {
+        path: _hash(path)
+        for path in files
+        if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}
+    }
     held = {}
     for link in links:
         role, name, sha = link
         holding = [path for path, found in hashes.items() if found == sha and sha]
-        path = next((path for path in holding if path.name == name), None if _named_here_alone(role) else next(iter(holding), None))
+        path = next(
+            (path for path in holding if path.name == name),
+            None if _named_here_alone(role) else next(iter(holding), None),
+        )
         if path is None and holding:
-            raise BrokenLinkError(message("custody-renamed", role=role, name=name, found=holding[0].name))
+            raise BrokenLinkError(
+                message("custody-renamed", role=role, name=name, found=holding[0].name)
+            )
         if path is None:
             there = any(each.name == name for each in files)
-            raise BrokenLinkError(message("custody-changed" if there else "custody-missing", role=role, name=name, sha256=sha or "–"))
+            raise BrokenLinkError(
+                message(
+                    "custody-changed" if there else "custody-missing",
+                    role=role,
+                    name=name,
+                    sha256=sha or "–",
+                )
+            )
         held[link] = path
     return held
 
 
 def _named_here_alone(role: str) -> bool:
-    """Return whether the certificate alone names a thing, so that its name is checked; the result names its own sources."""
+    """Return whether the certificate alone names a thing, so that its name is checked; the result
+    names its own sources."""
     return role in ONCE or role.removesuffix(AS_LEFT) in {*PERSONS, FILE, REPORT}
 
 
@@ -229,7 +306,9 @@ def _hash(path: Path) -> str:
         return ""
 
 
-def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Link, Path], *, signed: bool) -> None:
+def _walk(
+    root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Link, Path], *, signed: bool
+) -> None:
     by_role = {role: held[role, name, sha] for role, name, sha in links if role in ONCE}
     if RESULT not in by_role or len(by_role) != sum(role in ONCE for role, _, _ in links):
         raise BrokenLinkError(message("custody-unnamed", role=RESULT))
@@ -250,7 +329,14 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
         root.remove(signature)
     for one, other in zip_longest(_leaves(root), _leaves(again), fillvalue=NO_LEAF):
         if one != other:
-            raise BrokenLinkError(message("custody-differs", place=one.place or other.place, found=one.text, expected=other.text))
+            raise BrokenLinkError(
+                message(
+                    "custody-differs",
+                    place=one.place or other.place,
+                    found=one.text,
+                    expected=other.text,
+                )
+            )
     _require_files(links, held)
     written = document(again)
     if written != data and (not signed or _canonical(written) != _canonical(data)):
@@ -266,7 +352,9 @@ def _require_files(links: Sequence[Link], held: Mapping[Link, Path]) -> None:
     files = {(name, sha) for role, name, sha in links if role == FILE}
     for link in links:
         role, name, _ = link
-        if name == NAMES_ITS_RESULT and not any(sha.encode() in read_bytes(held[link]) for sha in results):
+        if name == NAMES_ITS_RESULT and not any(
+            sha.encode() in read_bytes(held[link]) for sha in results
+        ):
             raise BrokenLinkError(message("custody-other-result", role=role, name=name))
         for each, sha in _listed(held[link]).items() if name == SUMS else ():
             if (each, sha) not in files and each in dict(files):
@@ -283,7 +371,8 @@ def _listed(sums: Path) -> dict[str, str]:
 
 
 def _canonical(data: bytes) -> str:
-    """Return a certificate in the canonical form of XML, without signatures: a signature costs the bytes, remarks stay."""
+    """Return a certificate in the canonical form of XML, without signatures: a signature costs the
+    bytes, remarks stay."""
     return ET.canonicalize(from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE])
 
 
@@ -292,8 +381,13 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
     files or other contents.
     """
     data = read_bytes(path)
-    result = parse_result(as_text(data, path.name), path.name)  # its hash is compared with the certificate's
-    sources = [Source(role=role.removesuffix(suffix), name=name, sha256=sha) for role, name, sha in _named(links, suffix)]
+    result = parse_result(
+        as_text(data, path.name), path.name
+    )  # its hash is compared with the certificate's
+    sources = [
+        Source(role=role.removesuffix(suffix), name=name, sha256=sha)
+        for role, name, sha in _named(links, suffix)
+    ]
     if tuple(sources) != (result.sources or ()) or not sources:
         raise BrokenLinkError(message("custody-sources", name=path.name))
     files = {(one.role, one.name): held[one.role + suffix, one.name, one.sha256] for one in sources}
@@ -301,7 +395,9 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
         solved = _solved(result, sources, files)
     except StepdiagError as error:
         raise BrokenLinkError(message("custody-refused", what=str(error))) from error
-    text = replace(solved, software=replace(solved.software, version=result.software.version)).to_json()
+    text = replace(
+        solved, software=replace(solved.software, version=result.software.version)
+    ).to_json()
     if not same_result(data, text.encode()):
         raise BrokenLinkError(message("custody-result", name=path.name))
     return result
@@ -311,29 +407,50 @@ def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
     """Yield the sources of the result, or of that as left."""
     for link in links:
         role = link[0].removesuffix(AS_LEFT)
-        if role not in {*ONCE, *PERSONS, FILE, REPORT} and link[0].endswith(AS_LEFT) == bool(suffix):
+        if role not in {*ONCE, *PERSONS, FILE, REPORT} and link[0].endswith(AS_LEFT) == bool(
+            suffix
+        ):
             yield link
 
 
-def _solved(result: Result, sources: Sequence[Source], files: Mapping[tuple[str, str], Path]) -> Result:
+def _solved(
+    result: Result, sources: Sequence[Source], files: Mapping[tuple[str, str], Path]
+) -> Result:
     of = {one.role: files[one.role, one.name] for one in sources}
     if LOG in of:
-        stated = parse_environment(read_text(of["environment"]), of["environment"].name) if "environment" in of else None
+        stated = (
+            parse_environment(read_text(of["environment"]), of["environment"].name)
+            if "environment" in of
+            else None
+        )
         logs = [files[one.role, one.name] for one in sources if one.role == LOG]
-        return replace(solve_logs(replay_judged(logs), result.method, stated)[0], sources=result.sources)
+        return replace(
+            solve_logs(replay_judged(logs), result.method, stated)[0], sources=result.sources
+        )
     if "readings" not in of or "run" in of:
         raise DataError(result.source, expected=message("custody-solvable"), found=", ".join(of))
     beside = Beside(
-        angles=of.get("angles"), straightness=of.get("straightness"), uncertainty=of.get("uncertainty"), tolerance=of.get("tolerance")
+        angles=of.get("angles"),
+        straightness=of.get("straightness"),
+        uncertainty=of.get("uncertainty"),
+        tolerance=of.get("tolerance"),
     )
     trials = 0 if result.monte_carlo is None else result.monte_carlo.trials
-    solved = solve_readings_file(of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials)
-    # what a person stated about the compensation stands in no reading; names of files may be others where they stand now
-    return replace(solved, survey=None if result.survey is None else stated_in(result).facts(), sources=result.sources)
+    solved = solve_readings_file(
+        of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials
+    )
+    # what a person stated about the compensation stands in no reading; names of files may be others
+    # where they stand now
+    return replace(
+        solved,
+        survey=None if result.survey is None else stated_in(result).facts(),
+        sources=result.sources,
+    )
 
 
 class Leaf(NamedTuple):
-    """An element: its place with the attributes on the way, its text, its name with its namespace."""
+    """An element: its place with the attributes on the way, its text, its name with its
+    namespace."""
 
     place: str
     text: str

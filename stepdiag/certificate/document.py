@@ -1,7 +1,8 @@
 """From a result to its certificate: PTB's DCC 3.3.0. Null values of the result are not in it; a
 value that is not stated is "not stated".
 
-The schema has no vocabulary for geometric errors: ``machineTool_EXX`` and so on are symbols of ISO 230-1, defined in the document.
+The schema has no vocabulary for geometric errors: ``machineTool_EXX`` and so on are symbols of ISO
+230-1, defined in the document.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +16,14 @@ from stepdiag.base.result.members import Conformity, Facts, Judged
 from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written as json_of
 from stepdiag.certificate.elements import VERSION, Words, data, element, note, real, sha256, words
-from stepdiag.certificate.figures import KELVIN, UNITS, Figure, figures_of, predicted_figures, written
+from stepdiag.certificate.figures import (
+    KELVIN,
+    UNITS,
+    Figure,
+    figures_of,
+    predicted_figures,
+    written,
+)
 from stepdiag.comparing.compare import require_alike, require_same_volume
 from stepdiag.conclusion import judged_in, quantity_words, verdict_words
 from stepdiag.report.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, Place, Stated
@@ -24,14 +32,28 @@ from stepdiag.texts import LANGUAGES, catalogue
 Link = tuple[str, str, str]
 """Role of a source, its name and its SHA-256."""
 CONDITIONS = {
-    "air_temperature_c": ("basic_temperature", "c"), "material_temperature_c": ("machineTool_materialTemperature", "c"),
-    "air_pressure_hpa": ("basic_pressure", "hpa"), "relative_humidity_percent": ("basic_humidityRelative", "percent"),
-}  # fmt: skip
+    "air_temperature_c": ("basic_temperature", "c"),
+    "material_temperature_c": ("machineTool_materialTemperature", "c"),
+    "air_pressure_hpa": ("basic_pressure", "hpa"),
+    "relative_humidity_percent": ("basic_humidityRelative", "percent"),
+}
 METHODS = (
-    ("sequential step diagonal (laser vector) and linear runs", ("ISO 230-1:2012", "ISO 230-2:2014", "ISO 230-6:2002")),
-    ("expanded uncertainty, k = 2, a coverage probability of about 95 % for a normal distribution", ("JCGM 100:2008", "ISO/TR 230-9:2005")),
+    (
+        "sequential step diagonal (laser vector) and linear runs",
+        ("ISO 230-1:2012", "ISO 230-2:2014", "ISO 230-6:2002"),
+    ),
+    (
+        (
+            "expanded uncertainty, k = 2, a coverage probability of about 95 % for a normal "
+            "distribution"
+        ),
+        ("JCGM 100:2008", "ISO/TR 230-9:2005"),
+    ),
 )
-CONFORMITY = ("statement of conformity with a guard band of U (k = 2)", ("ISO 14253-1:2017", "JCGM 106:2012"))
+CONFORMITY = (
+    "statement of conformity with a guard band of U (k = 2)",
+    ("ISO 14253-1:2017", "JCGM 106:2012"),
+)
 
 
 def _words_of(key: str, section: str = "report") -> Words:
@@ -39,7 +61,12 @@ def _words_of(key: str, section: str = "report") -> Words:
 
 
 def certificate_of(
-    result: Result, stated: Stated, custody: Sequence[Link], *, left: Result | None = None, accepted: Sequence[str] = ()
+    result: Result,
+    stated: Stated,
+    custody: Sequence[Link],
+    *,
+    left: Result | None = None,
+    accepted: Sequence[str] = (),
 ) -> ET.Element:
     """Return the certificate of a result.
 
@@ -51,20 +78,26 @@ def certificate_of(
     if left is not None:
         _require_later(result, left)
     return element(
-        "digitalCalibrationCertificate", _administrative(result, stated, custody, left),
-        _measured(result, stated, custody, left, accepted), schemaVersion=VERSION,
-    )  # fmt: skip
+        "digitalCalibrationCertificate",
+        _administrative(result, stated, custody, left),
+        _measured(result, stated, custody, left, accepted),
+        schemaVersion=VERSION,
+    )
 
 
 def _require_later(found: Result, left: Result) -> None:
     require_alike(found, left)
     require_same_volume(found, left)
-    before, after = ((each.survey or Facts()).ended or (each.survey or Facts()).date for each in (found, left))
+    before, after = (
+        (each.survey or Facts()).ended or (each.survey or Facts()).date for each in (found, left)
+    )
     if before and after and after < before:
         raise DataError(left.source, expected=message("survey-after", day=before), found=after)
 
 
-def _administrative(result: Result, stated: Stated, custody: Sequence[Link], left: Result | None) -> ET.Element:
+def _administrative(
+    result: Result, stated: Stated, custody: Sequence[Link], left: Result | None
+) -> ET.Element:
     file = stated.file
     persons = [
         element(
@@ -75,13 +108,27 @@ def _administrative(result: Result, stated: Stated, custody: Sequence[Link], lef
         )
         for one in file.person
     ]
-    of_states = [("as_found", judged_in(result)), ("as_left", None if left is None else judged_in(left))]
-    statements = [_statement(one, state) for state, judged in of_states if judged is not None for one in judged.as_found]
-    statements += [_statement(one, "predicted") for one in (judged_in(result) or Conformity(as_found=(), predicted=())).predicted]
+    of_states = [
+        ("as_found", judged_in(result)),
+        ("as_left", None if left is None else judged_in(left)),
+    ]
+    statements = [
+        _statement(one, state)
+        for state, judged in of_states
+        if judged is not None
+        for one in judged.as_found
+    ]
+    statements += [
+        _statement(one, "predicted")
+        for one in (judged_in(result) or Conformity(as_found=(), predicted=())).predicted
+    ]
     symbols = element(
-        "refTypeDefinition", words("name", "machineTool"), words("description", "symbols of ISO 230-1 and ISO 230-2"),
-        element("namespace", text="machineTool"), element("link", text="urn:iso:std:iso:230:-1"),
-    )  # fmt: skip
+        "refTypeDefinition",
+        words("name", "machineTool"),
+        words("description", "symbols of ISO 230-1 and ISO 230-2"),
+        element("namespace", text="machineTool"),
+        element("link", text="urn:iso:std:iso:230:-1"),
+    )
     return element(
         "administrativeData",
         element("dccSoftware", _software(result)),
@@ -93,7 +140,10 @@ def _administrative(result: Result, stated: Stated, custody: Sequence[Link], lef
             element("calibrationLaboratoryCode", text=file.laboratory.code or NOT_STATED),
             _contact("contact", file.laboratory),
         ),
-        element("respPersons", *(persons or [element("respPerson", element("person", words("name", NOT_STATED)))])),
+        element(
+            "respPersons",
+            *(persons or [element("respPerson", element("person", words("name", NOT_STATED)))]),
+        ),
         _contact("customer", file.customer, (result.survey or Facts()).customer),
         element("statements", *statements) if statements else None,
     )
@@ -106,12 +156,17 @@ def _software(result: Result) -> ET.Element:
 
 def _core(result: Result, stated: Stated, custody: Sequence[Link]) -> ET.Element:
     head, facts = stated.file.certificate, result.survey or Facts()
-    begun, ended = head.begun or _day(facts.begun or facts.date), head.ended or _day(facts.ended or facts.date)
+    begun, ended = (
+        head.begun or _day(facts.begun or facts.date),
+        head.ended or _day(facts.ended or facts.date),
+    )
     if begun is None or ended is None:
         raise DataError(
-            stated.name or result.source, expected=message("certificate-dates"), found=message("nothing"),
+            stated.name or result.source,
+            expected=message("certificate-dates"),
+            found=message("nothing"),
             remedy=message("certificate-state-dates"),
-        )  # fmt: skip
+        )
     result_hash = next(digest for role, _, digest in custody if role == "result")
     previous = stated.hashes.get(head.previous_file, "")
     replaced = element("replacedUniqueIdentifier", text=head.replaces)
@@ -128,7 +183,9 @@ def _core(result: Result, stated: Stated, custody: Sequence[Link]) -> ET.Element
         element("performanceLocation", text=head.location),
         element("issueDate", text=head.issued.isoformat()) if head.issued is not None else None,
         amended if head.replaces else None,
-        sha256("previousReport", head.previous_file, head.previous_number or NOT_STATED, previous) if previous else None,
+        sha256("previousReport", head.previous_file, head.previous_number or NOT_STATED, previous)
+        if previous
+        else None,
     )
 
 
@@ -140,7 +197,12 @@ def _day(text: str) -> date | None:
 
 
 def _identity(issuer: str, value: str, name: str) -> ET.Element:
-    return element("identification", element("issuer", text=issuer), element("value", text=value or NOT_STATED), words("name", name))
+    return element(
+        "identification",
+        element("issuer", text=issuer),
+        element("value", text=value or NOT_STATED),
+        words("name", name),
+    )
 
 
 def _item(result: Result, stated: Stated) -> ET.Element:
@@ -160,9 +222,12 @@ def _item(result: Result, stated: Stated) -> ET.Element:
 
 def _contact(name: str, place: Place, known: str = "") -> ET.Element:
     where = {
-        "city": place.city or NOT_STATED, "countryCode": place.country or UNKNOWN_COUNTRY, "postCode": place.post_code or NOT_STATED,
-        "street": place.street or NOT_STATED, "streetNo": place.street_no or NOT_STATED,
-    }  # fmt: skip
+        "city": place.city or NOT_STATED,
+        "countryCode": place.country or UNKNOWN_COUNTRY,
+        "postCode": place.post_code or NOT_STATED,
+        "street": place.street or NOT_STATED,
+        "streetNo": place.street_no or NOT_STATED,
+    }
     return element(
         name,
         words("name", place.name or known or NOT_STATED),
@@ -173,14 +238,29 @@ def _contact(name: str, place: Place, known: str = "") -> ET.Element:
 
 
 def _statement(one: Judged, state: str) -> ET.Element:
-    """Return the statement of conformity about one figure; undecided ones by ILAC-G8: conditional by the side on which the value lies."""
-    name = {language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}" for language in LANGUAGES}
+    """Return the statement of conformity about one figure; undecided ones by ILAC-G8: conditional
+    by the side on which the value lies."""
+    name = {
+        language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}"
+        for language in LANGUAGES
+    }
     declared: Words = {language: verdict_words(one, language) for language in LANGUAGES}
     ends = {"tolerance": one.tolerance, "value": one.value, "low": one.low, "high": one.high}
     unit, power = UNITS[one.unit]
-    known = [Figure(part, f"machineTool_{part}", unit, (written(value, power),)) for part, value in ends.items() if value is not None]
+    known = [
+        Figure(part, f"machineTool_{part}", unit, (written(value, power),))
+        for part, value in ends.items()
+        if value is not None
+    ]
     if one.probability is not None:
-        known.append(Figure("probability of conformity", "machineTool_probabilityOfConformity", r"\one", (written(one.probability, 0),)))
+        known.append(
+            Figure(
+                "probability of conformity",
+                "machineTool_probabilityOfConformity",
+                r"\one",
+                (written(one.probability, 0),),
+            )
+        )
     return element(
         "statement",
         words("name", name),
@@ -197,9 +277,18 @@ def _status(one: Judged) -> str:
     return {"conform": "pass", "not_conform": "fail", "not_decidable": undecided}[one.verdict]
 
 
-def _measured(result: Result, stated: Stated, custody: Sequence[Link], left: Result | None, accepted: Sequence[str]) -> ET.Element:
+def _measured(
+    result: Result,
+    stated: Stated,
+    custody: Sequence[Link],
+    left: Result | None,
+    accepted: Sequence[str],
+) -> ET.Element:
     methods = [*METHODS, *([CONFORMITY] if result.conformity is not None else [])]
-    used = [element("usedMethod", words("name", name), *(element("norm", text=norm) for norm in norms)) for name, norms in methods]
+    used = [
+        element("usedMethod", words("name", name), *(element("norm", text=norm) for norm in norms))
+        for name, norms in methods
+    ]
     return element(
         "measurementResults",
         element("usedMethods", *used),
@@ -212,15 +301,24 @@ def _measured(result: Result, stated: Stated, custody: Sequence[Link], left: Res
     )
 
 
-def _state(state: str, result: Result, figures: Callable[[Result], Iterator[Figure]]) -> ET.Element | None:
-    results = [element("result", words("name", figure.name), data(figure), refType=figure.refers) for figure in figures(result)]
+def _state(
+    state: str, result: Result, figures: Callable[[Result], Iterator[Figure]]
+) -> ET.Element | None:
+    results = [
+        element("result", words("name", figure.name), data(figure), refType=figure.refers)
+        for figure in figures(result)
+    ]
     if not results:
         return None
     conditions = list(_conditions(result)) if state != "predicted" else []
     return element(
         "measurementResult",
         words("name", _words_of(state)),
-        words("description", f"method {result.method}; error = actual - commanded, of the tool relative to the workpiece"),
+        words(
+            "description",
+            f"method {result.method}; error = actual - commanded, of the tool relative to the "
+            "workpiece",
+        ),
         element("influenceConditions", *conditions) if conditions else None,
         element("results", *results),
         refType=f"machineTool_{state}",
@@ -232,9 +330,15 @@ def _conditions(result: Result) -> Iterator[ET.Element]:
     for name, (refers, unit) in CONDITIONS.items():
         if name in seen:
             ends = [
-                Figure(end, f"{refers}{end.title()}", *_in_si(value, unit)) for end, value in zip(("min", "max"), seen[name], strict=True)
+                Figure(end, f"{refers}{end.title()}", *_in_si(value, unit))
+                for end, value in zip(("min", "max"), seen[name], strict=True)
             ]
-            yield element("influenceCondition", words("name", name), element("data", *map(real, ends)), refType=refers)
+            yield element(
+                "influenceCondition",
+                words("name", name),
+                element("data", *map(real, ends)),
+                refType=refers,
+            )
     statement = stated_in(result).words()
     yield element(
         "influenceCondition",
@@ -253,14 +357,23 @@ def _in_si(value: float, unit: str) -> tuple[str, tuple[str]]:
 
 def _equipment(result: Result, stated: Stated) -> Iterator[ET.Element]:
     facts = result.survey or Facts()
-    laser = Equipment(name=facts.instrument or "laser", serial=facts.instrument_serial, certificate=facts.instrument_certificate)
+    laser = Equipment(
+        name=facts.instrument or "laser",
+        serial=facts.instrument_serial,
+        certificate=facts.instrument_certificate,
+    )
     sensors = [Equipment(name=facts.sensors)] if facts.sensors else []
     for one in stated.file.equipment or (laser, *sensors):
         digest = stated.hashes.get(one.certificate_file, NOT_STATED)
         yield element(
             "measuringEquipment",
             words("name", one.name),
-            sha256("certificate", one.certificate_file or NOT_STATED, one.certificate or NOT_STATED, digest),
+            sha256(
+                "certificate",
+                one.certificate_file or NOT_STATED,
+                one.certificate or NOT_STATED,
+                digest,
+            ),
             element("manufacturer", words("name", one.manufacturer or NOT_STATED)),
             element("model", text=one.model or NOT_STATED),
             element("identifications", _identity("manufacturer", one.serial, "serial number")),
@@ -285,10 +398,20 @@ def _chain(result: Result) -> ET.Element:
 
 def _custody(custody: Sequence[Link]) -> Iterator[ET.Element]:
     notes = [note(name, digest, f"stepdiag_{role}") for role, name, digest in custody]
-    yield element("metaData", words("name", "SHA-256"), element("data", *notes), refType="stepdiag_custody")
+    yield element(
+        "metaData", words("name", "SHA-256"), element("data", *notes), refType="stepdiag_custody"
+    )
 
 
 def _accepted(accepted: Sequence[str]) -> Iterator[ET.Element]:
     if accepted:
-        notes = [note(f"{number}", text, "stepdiag_acceptedFinding") for number, text in enumerate(accepted, start=1)]
-        yield element("metaData", words("name", "accepted findings"), element("data", *notes), refType="stepdiag_accepted")
+        notes = [
+            note(f"{number}", text, "stepdiag_acceptedFinding")
+            for number, text in enumerate(accepted, start=1)
+        ]
+        yield element(
+            "metaData",
+            words("name", "accepted findings"),
+            element("data", *notes),
+            refType="stepdiag_accepted",
+        )

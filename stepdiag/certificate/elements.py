@@ -16,7 +16,9 @@ ET.register_namespace("dcc", DCC)
 ET.register_namespace("si", SI)
 
 
-def element(name: str, *children: ET.Element | None, text: str | None = None, **attributes: str) -> ET.Element:
+def element(
+    name: str, *children: ET.Element | None, text: str | None = None, **attributes: str
+) -> ET.Element:
     """Return an element of the DCC with its existing children."""
     return _with(ET.Element(f"{{{DCC}}}{name}", attributes), children, text)
 
@@ -35,7 +37,9 @@ def words(name: str, text: Words) -> ET.Element:
     """Return an element with a text in its languages."""
     if isinstance(text, str):
         return element(name, element("content", text=text))
-    return element(name, *(element("content", text=each, lang=language) for language, each in text.items()))
+    return element(
+        name, *(element("content", text=each, lang=language) for language, each in text.items())
+    )
 
 
 def real(figure: Figure) -> ET.Element:
@@ -46,7 +50,11 @@ def real(figure: Figure) -> ET.Element:
     if len(figure.values) == 1 and not figure.at:
         inside = [_si("value", text=figure.values[0]), _si("unit", text=figure.unit)]
         if figure.expanded:
-            expanded = [_si("valueExpandedMU", text=figure.expanded[0]), _si("coverageFactor", text=K), _si("coverageProbability", text=P)]
+            expanded = [
+                _si("valueExpandedMU", text=figure.expanded[0]),
+                _si("coverageFactor", text=K),
+                _si("coverageProbability", text=P),
+            ]
             inside.append(_si("measurementUncertaintyUnivariate", _si("expandedMU", *expanded)))
         return element("quantity", *named, _si("real", *inside), refType=figure.refers)
     many = _list(figure.values, figure.unit, figure.expanded)
@@ -56,32 +64,47 @@ def real(figure: Figure) -> ET.Element:
 
 
 def _covariance(figure: Figure) -> ET.Element:
-    """Return the covariance of a list with the factor of its rectangular region: all values lie within k u at once with P at least.
+    """Return the covariance of a list with the factor of its rectangular region: all values lie
+    within k u at once with P at least.
 
     Source: JCGM 102:2011, 7.7.3 (Bonferroni): k of a normal distribution for P = 1 - 0.05 / n.
     """
     columns = [_column(column, rf"{figure.unit}\tothe{{2}}") for column in figure.covariance]
     k = NormalDist().inv_cdf(1.0 - (1.0 - float(P)) / (2.0 * len(columns)))
     region = _si(
-        "rectangularRegionMUXMLList", _si("covarianceMatrixXMLList", *columns), _si("coverageFactorXMLList", text=f"{k:.4f}"),
+        "rectangularRegionMUXMLList",
+        _si("covarianceMatrixXMLList", *columns),
+        _si("coverageFactorXMLList", text=f"{k:.4f}"),
         _si("coverageProbabilityXMLList", text=P),
-    )  # fmt: skip
+    )
     return _si("measurementUncertaintyMultivariateXMLList", region)
 
 
 def _column(values: Iterable[str], unit: str) -> ET.Element:
-    return _si("columnXMLList", _si("covarianceXMLList", _si("valueXMLList", text=" ".join(values)), _si("unitXMLList", text=unit)))
+    return _si(
+        "columnXMLList",
+        _si(
+            "covarianceXMLList",
+            _si("valueXMLList", text=" ".join(values)),
+            _si("unitXMLList", text=unit),
+        ),
+    )
 
 
 def _list(values: Iterable[str], unit: str, expanded: Iterable[str] = ()) -> ET.Element:
-    inside, stated = [_si("valueXMLList", text=" ".join(values)), _si("unitXMLList", text=unit)], " ".join(expanded)
+    inside, stated = (
+        [_si("valueXMLList", text=" ".join(values)), _si("unitXMLList", text=unit)],
+        " ".join(expanded),
+    )
     if stated:
         of_all = [
             _si("valueExpandedMUXMLList", text=stated),
             _si("coverageFactorXMLList", text=K),
             _si("coverageProbabilityXMLList", text=P),
         ]
-        inside.append(_si("measurementUncertaintyUnivariateXMLList", _si("expandedMUXMLList", *of_all)))
+        inside.append(
+            _si("measurementUncertaintyUnivariateXMLList", _si("expandedMUXMLList", *of_all))
+        )
     return _si("realListXMLList", *inside)
 
 
@@ -89,16 +112,24 @@ def data(figure: Figure) -> ET.Element:
     """Return the data of a result: a function has its positions before its values."""
     if not figure.at:
         return element("data", real(figure))
-    positions = element("quantity", words("name", "position"), _list(figure.at, METRE), refType="machineTool_position")
+    positions = element(
+        "quantity",
+        words("name", "position"),
+        _list(figure.at, METRE),
+        refType="machineTool_position",
+    )
     return element("data", element("list", positions, real(figure), refType="basic_tableIndex0"))
 
 
 def sha256(name: str, referral: str, identity: str, value: str) -> ET.Element:
     """Return a reference to a document by its hash."""
     return element(
-        name, words("referral", referral), element("referralID", text=identity), element("procedure", text="SHA-256"),
+        name,
+        words("referral", referral),
+        element("referralID", text=identity),
+        element("procedure", text="SHA-256"),
         element("value", text=value),
-    )  # fmt: skip
+    )
 
 
 def note(name: str, text: str, refers: str) -> ET.Element:

@@ -13,9 +13,33 @@ from stepdiag.base.result.interval import FieldFigures, Interval
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 METRE, RADIAN, ONE, KELVIN, PASCAL = r"\metre", r"\radian", r"\one", r"\kelvin", r"\pascal"
-UNITS = {"um": (METRE, -6), "urad": (RADIAN, -6), "um/m": (ONE, -6), "mm": (METRE, -3), "hpa": (PASCAL, 2), "percent": (ONE, -2)}
+UNITS = {
+    "um": (METRE, -6),
+    "urad": (RADIAN, -6),
+    "um/m": (ONE, -6),
+    "mm": (METRE, -3),
+    "hpa": (PASCAL, 2),
+    "percent": (ONE, -2),
+}
 """Unit of the result -> unit of D-SI and power of ten."""
-ISO_230_2 = ("E_up", "E_down", "E", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A", "E_d", "B_d", "R_d", "A_d")
+ISO_230_2 = (
+    "E_up",
+    "E_down",
+    "E",
+    "M",
+    "B",
+    "B_mean",
+    "R_up",
+    "R_down",
+    "R",
+    "A_up",
+    "A_down",
+    "A",
+    "E_d",
+    "B_d",
+    "R_d",
+    "A_d",
+)
 
 
 COVARIANCE_DECIMALS = 6
@@ -23,8 +47,9 @@ COVARIANCE_DECIMALS = 6
 
 
 class Figure(NamedTuple):
-    """A quantity: its name and refType, numbers as they are written, their U (k = 2), the positions in metres, and the covariance of the
-    numbers (k = 1) column by column, in the square of the unit."""
+    """A quantity: its name and refType, numbers as they are written, their U (k = 2), the positions
+    in metres, and the covariance of the numbers (k = 1) column by column, in the square of the
+    unit."""
 
     name: str
     refers: str
@@ -40,15 +65,27 @@ def written(value: float, power: int) -> str:
     scaled = Decimal(repr(float(value))).scaleb(power).normalize()
     if not scaled:
         return "0"
-    return format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
+    return (
+        format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
+    )
 
 
-def _figure(name: str, unit: str, values: Sequence[float], u: Sequence[float] | None = None, at: Sequence[float] = ()) -> Figure:
+def _figure(
+    name: str,
+    unit: str,
+    values: Sequence[float],
+    u: Sequence[float] | None = None,
+    at: Sequence[float] = (),
+) -> Figure:
     unit_si, power = UNITS[unit]
     return Figure(
-        name, f"machineTool_{name.replace(' ', '_')}", unit_si, tuple(written(value, power) for value in values),
-        () if u is None else tuple(written(COVERAGE * each, power) for each in u), tuple(written(each, -3) for each in at),
-    )  # fmt: skip
+        name,
+        f"machineTool_{name.replace(' ', '_')}",
+        unit_si,
+        tuple(written(value, power) for value in values),
+        () if u is None else tuple(written(COVERAGE * each, power) for each in u),
+        tuple(written(each, -3) for each in at),
+    )
 
 
 def figures_of(result: Result) -> Iterator[Figure]:
@@ -58,7 +95,11 @@ def figures_of(result: Result) -> Iterator[Figure]:
     The parts of the volumetric figure have a covariance: every displacement along its travel, and
     the squarenesses together.
     """
-    together = [name for name, number in result.squareness.items() if number.value is not None and number.u is not None]
+    together = [
+        name
+        for name, number in result.squareness.items()
+        if number.value is not None and number.u is not None
+    ]
     if (covariance := _covariance(result, together)) and len(together) > 1:
         known = [result.squareness[name] for name in together]
         numbers = [(one.value or 0.0, one.u or 0.0) for one in known]
@@ -69,22 +110,33 @@ def figures_of(result: Result) -> Iterator[Figure]:
             function = of.get(name)
             if function is not None and function.value is not None:
                 u = None if function.u is None else function.u.tolist()
-                covariance = _covariance(result, [name]) if name in DISPLACEMENTS and not part else ()
-                one = _figure(part + name, function.unit, function.value.tolist(), u, function.position_mm.tolist())
+                covariance = (
+                    _covariance(result, [name]) if name in DISPLACEMENTS and not part else ()
+                )
+                one = _figure(
+                    part + name,
+                    function.unit,
+                    function.value.tolist(),
+                    u,
+                    function.position_mm.tolist(),
+                )
                 yield one._replace(covariance=covariance)
     for name, number in result.squareness.items():
         if number.value is not None:
             yield _figure(name, "urad", [number.value], None if number.u is None else [number.u])
     for axis, scale in result.scale.items():
         if scale.value is not None:
-            yield _figure(f"scale {axis}", "um/m", [scale.value], None if scale.u is None else [scale.u])
+            yield _figure(
+                f"scale {axis}", "um/m", [scale.value], None if scale.u is None else [scale.u]
+            )
     yield from _standards(result)
     if result.predicted is not None:
         yield from _volume("", result.predicted.without_rigid_motion["before"])
 
 
 def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the covariance of quantities, as written in SI: correlations of the posterior times the u that the result states.
+    """Return the covariance of quantities, as written in SI: correlations of the posterior times
+    the u that the result states.
 
     Nothing where the posterior stands at other positions than the values, or a u is missing.
     """
@@ -92,8 +144,16 @@ def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], 
     if not names or not set(names) <= deviations.keys():
         return ()
     columns = np.column_stack([deviations[name][1:] for name in names])
-    stated = [result.squareness[name].u if name in result.squareness else result.errors[name].u for name in names]
-    u = np.concatenate([np.atleast_1d(np.asarray(np.nan if each is None else each, dtype=float)) for each in stated])
+    stated = [
+        result.squareness[name].u if name in result.squareness else result.errors[name].u
+        for name in names
+    ]
+    u = np.concatenate(
+        [
+            np.atleast_1d(np.asarray(np.nan if each is None else each, dtype=float))
+            for each in stated
+        ]
+    )
     if len(u) != columns.shape[1] or not np.isfinite(u).all():
         return ()
     product = columns.T @ columns
@@ -115,13 +175,25 @@ def _standards(result: Result) -> Iterator[Figure]:
             for symbol in ISO_230_2:
                 value, expanded = getattr(figures, symbol), (figures.U or {}).get(symbol)
                 if value is not None:
-                    yield _figure(f"{run} {symbol}", "um", [value], None if expanded is None else [expanded / COVERAGE])
+                    yield _figure(
+                        f"{run} {symbol}",
+                        "um",
+                        [value],
+                        None if expanded is None else [expanded / COVERAGE],
+                    )
 
 
 def _volume(when: str, figures: FieldFigures) -> Iterator[Figure]:
     """Yield the volumetric figures: skewed, with the ends of their intervals in place of U."""
-    both: tuple[tuple[str, Interval], ...] = (("volumetric rms", figures.rms_um), ("volumetric largest", figures.largest_um))
+    both: tuple[tuple[str, Interval], ...] = (
+        ("volumetric rms", figures.rms_um),
+        ("volumetric largest", figures.largest_um),
+    )
     for name, interval in both:
-        for end, value in (("", interval.value_um), (" low", interval.low_um), (" high", interval.high_um)):
+        for end, value in (
+            ("", interval.value_um),
+            (" low", interval.low_um),
+            (" high", interval.high_um),
+        ):
             if value is not None:
                 yield _figure(f"{when}{name}{end}", "um", [value])

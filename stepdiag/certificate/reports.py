@@ -1,4 +1,5 @@
-"""The report beside a certificate: rendered again from what the certificate names, and compared to the byte."""
+"""The report beside a certificate: rendered again from what the certificate names, and compared to
+the byte."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,16 +13,24 @@ from stepdiag.texts.texts import LANGUAGES, Language
 _LANGUAGE = re.compile(r'\A<!doctype html>\s*<html lang="(\w+)">')
 
 
-ROLES = {"profile": "profile", "left": "result_as_left", "letterhead": "letterhead", "laboratory": "laboratory"}
+ROLES = {
+    "profile": "profile",
+    "left": "result_as_left",
+    "letterhead": "letterhead",
+    "laboratory": "laboratory",
+}
 """Sources of a report, and their roles in the certificate."""
 
 
 def is_rendered(name: str) -> bool:
-    """Return whether a report is a document that must be rendered again: any but a print, which is known by its hash alone."""
+    """Return whether a report is a document that must be rendered again: any but a print, which is
+    known by its hash alone."""
     return Path(name).suffix.lower() != ".pdf"
 
 
-def follows(report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None) -> bool:
+def follows(
+    report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None
+) -> bool:
     """Return whether a report follows from its sources, with or without the exports, with or
     without the readings.
 
@@ -32,7 +41,9 @@ def follows(report: Path, of: Mapping[str, Path], files: Sequence[Path], reading
     named = {name: of.get(role) for name, role in ROLES.items()}
     for exported in dict.fromkeys((tuple(files), ())):
         for shown in dict.fromkeys((readings, None)):
-            sources = ReportFiles(result=of["result"], files=exported, readings=shown, language=language, **named)
+            sources = ReportFiles(
+                result=of["result"], files=exported, readings=shown, language=language, **named
+            )
             try:
                 if report_from(sources).html == text:
                     return True

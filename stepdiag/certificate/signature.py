@@ -1,4 +1,5 @@
-"""The signature of a certificate (XMLDSig) by signxml, which the extra ``stepdiag[certificate]`` brings."""
+"""The signature of a certificate (XMLDSig) by signxml, which the extra ``stepdiag[certificate]``
+brings."""
 
 from base64 import b64decode, b64encode
 from pathlib import Path
@@ -14,12 +15,15 @@ def _library() -> Any:
     try:
         import signxml
     except ImportError as error:
-        raise UsageError("--key-certificate", expected="stepdiag[certificate]", found=str(error)) from error
+        raise UsageError(
+            "--key-certificate", expected="stepdiag[certificate]", found=str(error)
+        ) from error
     return signxml
 
 
 def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
-    """Return a certificate with a signature in it. Raises UsageError where the library or a file is missing, or the key is none."""
+    """Return a certificate with a signature in it. Raises UsageError where the library or a file is
+    missing, or the key is none."""
     signxml = _library()
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
@@ -29,7 +33,9 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
         own = serialization.load_pem_private_key(read_bytes(key), None)
         curve = isinstance(own, EllipticCurvePrivateKey)
         signer = signxml.XMLSigner(signature_algorithm="ecdsa-sha256" if curve else "rsa-sha256")
-        root = signer.sign(etree.fromstring(certificate), key=own, cert=read_bytes(key_certificate).decode())
+        root = signer.sign(
+            etree.fromstring(certificate), key=own, cert=read_bytes(key_certificate).decode()
+        )
     except (ValueError, TypeError, signxml.exceptions.SignXMLException) as error:
         raise UsageError(str(key), expected=message("signature-key"), found=str(error)) from error
     data: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=True)
@@ -37,7 +43,8 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
 
 
 def require_signature(certificate: Path, key_certificate: Path) -> None:
-    """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or is none."""
+    """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or is
+    none."""
     signxml = _library()
     from cryptography import x509
     from cryptography.exceptions import InvalidSignature
@@ -47,18 +54,32 @@ def require_signature(certificate: Path, key_certificate: Path) -> None:
     data = read_bytes(certificate)
     parsed(data, certificate.name)
     try:
-        found = signxml.XMLVerifier().verify(data, x509_cert=read_bytes(key_certificate).decode()).signature_xml
-        _require_plain(found, x509.load_pem_x509_certificate(read_bytes(key_certificate)).public_bytes(Encoding.DER))
+        found = (
+            signxml.XMLVerifier()
+            .verify(data, x509_cert=read_bytes(key_certificate).decode())
+            .signature_xml
+        )
+        _require_plain(
+            found,
+            x509.load_pem_x509_certificate(read_bytes(key_certificate)).public_bytes(Encoding.DER),
+        )
     except (ValueError, LxmlError, InvalidSignature, signxml.exceptions.SignXMLException) as error:
-        raise DataError(certificate.name, expected=message("signature-of-key"), found=str(error)) from error
+        raise DataError(
+            certificate.name, expected=message("signature-of-key"), found=str(error)
+        ) from error
 
 
 def _require_plain(signature: Any, certificate: bytes) -> None:
     """Raise ValueError for a change in the parts outside every signature: the certificate in it,
     and the form of its numbers.
     """
-    texts = {name: "".join(signature.findtext(f".//{{*}}{name}", "").split()) for name in ("SignatureValue", "X509Certificate")}
+    texts = {
+        name: "".join(signature.findtext(f".//{{*}}{name}", "").split())
+        for name in ("SignatureValue", "X509Certificate")
+    }
     for name, text in texts.items():
         found = b64decode(text, validate=True)
-        if b64encode(found).decode() != text or (name == "X509Certificate" and found != certificate):
+        if b64encode(found).decode() != text or (
+            name == "X509Certificate" and found != certificate
+        ):
             raise ValueError(name)

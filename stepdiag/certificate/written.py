@@ -1,4 +1,5 @@
-"""A certificate as a file: what it rests on is named by its SHA-256, the signature and the print for the archive are added."""
+"""A certificate as a file: what it rests on is named by its SHA-256, the signature and the print
+for the archive are added."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,11 +41,18 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
     the result.
     """
     named = ((REPORT, beside.report), (LETTERHEAD, beside.letterhead), (PROFILE, beside.profile))
-    given = [*(("file", path) for path in beside.files), *((role, path) for role, path in named if path is not None)]
+    given = [
+        *(("file", path) for path in beside.files),
+        *((role, path) for role, path in named if path is not None),
+    ]
     links = links_of(result, beside.laboratory, left=beside.left, files=given)
     found, left = _read(result), None if beside.left is None else _read(beside.left)
     accepted = accepted_in(result.parent) if any(role == "accepted" for role, _, _ in links) else ()
-    data = document(certificate_of(found, read_laboratory(beside.laboratory), links, left=left, accepted=accepted))
+    data = document(
+        certificate_of(
+            found, read_laboratory(beside.laboratory), links, left=left, accepted=accepted
+        )
+    )
     if beside.key is not None and beside.key_certificate is not None:
         data = signed(data, beside.key, beside.key_certificate)
     written = {out: data}

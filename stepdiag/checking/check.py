@@ -125,7 +125,9 @@ class MachineSeen:
             self.trouble = error.message
             return
         if self.polls and now is not self.signals:
-            self.changes.update(name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name))
+            self.changes.update(
+                name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name)
+            )
         self.signals = now
         self.unanswered = self.decoder.unanswered(block)
         self.polls += 1
@@ -137,14 +139,21 @@ class MachineSeen:
 
 
 class Observation:
-    """Laser, machine and, where there are such, the 4-DOF head and the sensor of air, as they show themselves."""
+    """Laser, machine and, where there are such, the 4-DOF head and the sensor of air, as they show
+    themselves."""
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey
-        self.streams = tuple(StreamSeen(LinkSeen(name), decoder) for name, decoder in decoders(survey).items())
+        self.streams = tuple(
+            StreamSeen(LinkSeen(name), decoder) for name, decoder in decoders(survey).items()
+        )
         self.laser = self.streams[0]
-        self.sensor = next((stream for stream in self.streams if stream.link.name == "air"), self.laser)
-        self.machine = MachineSeen(LinkSeen("machine"), SignalDecoder(survey.plc.signals, survey.plc.parsed()))
+        self.sensor = next(
+            (stream for stream in self.streams if stream.link.name == "air"), self.laser
+        )
+        self.machine = MachineSeen(
+            LinkSeen("machine"), SignalDecoder(survey.plc.signals, survey.plc.parsed())
+        )
         self.seconds = 0.0
 
     @property
@@ -180,7 +189,8 @@ class Observation:
 
 
 async def watch(observation: Observation, seconds: float, show: Callable[[], None]) -> None:
-    """Keep the links of the survey for some seconds and gather what they bring; ``show`` is called a few times a second.
+    """Keep the links of the survey for some seconds and gather what they bring; ``show`` is called
+    a few times a second.
 
     Nothing is ever written to the machine. Raises only for a fault of this program.
     """

@@ -51,7 +51,11 @@ _FLAG_WORDS = {
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
     """Return all findings, in the order compensation, plan, laser, head, sensor of air, machine."""
-    found = [*compensation_findings(seen.survey), *hidden_slip(seen.survey), *hidden_waves(seen.survey)]
+    found = [
+        *compensation_findings(seen.survey),
+        *hidden_slip(seen.survey),
+        *hidden_waves(seen.survey),
+    ]
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
     found += _conditions(seen) if seen.sensor.samples else ()
     silent = seen.survey.plc.silent
@@ -81,7 +85,10 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
             yield _missing_condition(seen, name)
         elif not HALL[name][0] < value <= HALL[name][1]:
             low, high = HALL[name]
-            yield finding("warning", message("conditions-held.no-hall", name=name, value=value, low=low, high=high))
+            yield finding(
+                "warning",
+                message("conditions-held.no-hall", name=name, value=value, low=low, high=high),
+            )
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
@@ -106,19 +113,47 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     name, counts = STREAMS[stream.link.name], stream.counts
     if counts["garbage"] > GARBAGE_SHARE * stream.samples:
         why = stream.remarks["garbage"]
-        yield finding("warning", message("bytes-garbled.some", count=counts["garbage"], of=stream.samples, stream=name, why=why))
+        yield finding(
+            "warning",
+            message(
+                "bytes-garbled.some",
+                count=counts["garbage"],
+                of=stream.samples,
+                stream=name,
+                why=why,
+            ),
+        )
     if counts["gap"]:
-        yield finding("warning", message("samples-missing.times", stream=name, why=stream.remarks["gap"], count=counts["gap"]))
+        yield finding(
+            "warning",
+            message(
+                "samples-missing.times", stream=name, why=stream.remarks["gap"], count=counts["gap"]
+            ),
+        )
     if counts["restart"]:
-        yield finding("warning", message("instrument-restart.supply", stream=name, why=stream.remarks["restart"]))
+        yield finding(
+            "warning",
+            message("instrument-restart.supply", stream=name, why=stream.remarks["restart"]),
+        )
     if stream.refused == stream.samples:
-        yield finding("error", refused(name, stream.remarks.get("device", "")), code="instrument-reports")
+        yield finding(
+            "error", refused(name, stream.remarks.get("device", "")), code="instrument-reports"
+        )
         return
     if "device" in stream.remarks:
-        yield finding("info", message("of-stream", stream=name, what=stream.remarks["device"]), code="instrument-reports")
+        yield finding(
+            "info",
+            message("of-stream", stream=name, what=stream.remarks["device"]),
+            code="instrument-reports",
+        )
     yield from _light(stream)
     nominal, rate = stream.decoder.nominal_rate_hz, stream.rate_hz
-    if nominal is not None and rate is not None and seconds > JUDGED_AFTER_S and abs(rate / nominal - 1) > RATE_SHARE:
+    if (
+        nominal is not None
+        and rate is not None
+        and seconds > JUDGED_AFTER_S
+        and abs(rate / nominal - 1) > RATE_SHARE
+    ):
         words = message("samples-missing.rate", stream=name, nominal_hz=nominal, rate_hz=rate)
         yield finding("warning", words)
 
@@ -130,13 +165,17 @@ def _light(stream: StreamSeen) -> Iterator[Finding]:
     if flags & Flag.BEAM_LOST:
         yield finding("warning", message("beam-lost.standing", stream=name, strength=strength))
     elif flags & Flag.WEAK_BEAM:
-        yield finding("warning", message("instrument-reports.weak-beam", stream=name, strength=strength))
+        yield finding(
+            "warning", message("instrument-reports.weak-beam", stream=name, strength=strength)
+        )
     for flag, why in _FLAG_WORDS.items():
         if flags & flag and not (flags & Flag.BEAM_LOST and flag is Flag.HEAD_ERROR):
             yield finding("warning", message("instrument-reports.unusable", stream=name, why=why))
 
 
-def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]) -> Iterator[Finding]:
+def _machine(
+    machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]
+) -> Iterator[Finding]:
     if machine.trouble:
         yield finding("error", machine.trouble, code="bytes-garbled")
     if not machine.polls:
@@ -148,7 +187,12 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]
     yield from _frozen(machine, plc)
     rate = machine.rate_hz
     if rate is not None and seconds > JUDGED_AFTER_S and rate < POLL_SHARE * plc.poll_hz:
-        words = message("samples-missing.polls", rate_hz=rate, poll_hz=plc.poll_hz, slowest_ms=1e3 * machine.slowest_s)
+        words = message(
+            "samples-missing.polls",
+            rate_hz=rate,
+            poll_hz=plc.poll_hz,
+            slowest_ms=1e3 * machine.slowest_s,
+        )
         yield finding("warning", words)
 
 
@@ -160,17 +204,32 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
     for name in plc.signal_names:
         if getattr(machine.signals, name) is None:
             field = f"plc.expressions.{name}" if name in plc.expressions else f"plc.signals.{name}"
-            words = message("signals-absent.refused", name=name, place=plc.place(name), why=why, field=field)
+            words = message(
+                "signals-absent.refused", name=name, place=plc.place(name), why=why, field=field
+            )
             yield finding("error" if name == "stopped" else "warning", words)
     for name in machine.unanswered:
         if name in plc.inputs:
-            words = message("signals-absent.refused", name=name, place=describe(plc.inputs[name]), why=why, field=f"plc.inputs.{name}")
+            words = message(
+                "signals-absent.refused",
+                name=name,
+                place=describe(plc.inputs[name]),
+                why=why,
+                field=f"plc.inputs.{name}",
+            )
             yield finding("error" if name in plc.standing else "warning", words)
     for name, (low, high) in PLAUSIBLE.items():
         value = getattr(machine.signals, name)
         if value is not None and not low < value <= high:
             spec = plc.signals[name]
-            words = message("signals-absent.implausible", name=name, value=value, place=describe(spec), type=spec.type, order=spec.order)
+            words = message(
+                "signals-absent.implausible",
+                name=name,
+                value=value,
+                place=describe(spec),
+                type=spec.type,
+                order=spec.order,
+            )
             yield finding("warning", words)
     setup = machine.signals.setup
     if setup is not None and setup != 0 and setup not in SETUP_NUMBERS and setup <= CODED_FROM:
@@ -183,12 +242,18 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
     """Yield what is wrong with the heartbeat."""
-    if "heartbeat" not in plc.signal_names or machine.signals.heartbeat is None or machine.heard_s < JUDGED_AFTER_S:
+    if (
+        "heartbeat" not in plc.signal_names
+        or machine.signals.heartbeat is None
+        or machine.heard_s < JUDGED_AFTER_S
+    ):
         return
     changes, heard_s = machine.changes["heartbeat"], machine.heard_s
     if changes == 0:
         where, value = plc.place("heartbeat"), machine.signals.heartbeat
-        yield finding("error", message("heartbeat-still.register", place=where, value=value, heard_s=heard_s))
+        yield finding(
+            "error", message("heartbeat-still.register", place=where, value=value, heard_s=heard_s)
+        )
     elif changes < heard_s / HEARTBEAT_S / 2:
         yield finding("warning", message("heartbeat-still.slow", count=changes, heard_s=heard_s))
 
@@ -199,7 +264,11 @@ def _absent(link: LinkSeen, seconds: float) -> Finding:
         words = message("check-nothing-came", link=link.detail or link.address, seconds_s=seconds)
         return finding("error", words, code=f"{link.name}-silent")
     kind = "silent" if link.was_silent else "unreachable"
-    unreached = message("check-as-is", what=link.detail) if link.detail else message("check-no-connection", link=link.address)
+    unreached = (
+        message("check-as-is", what=link.detail)
+        if link.detail
+        else message("check-no-connection", link=link.address)
+    )
     return finding("error", unreached, code=f"{link.name}-{kind}")
 
 
@@ -208,4 +277,8 @@ def _lasting(link: LinkSeen) -> Iterator[Finding]:
     if link.state in ("lost", "silent"):
         yield finding("error", message("check-gone", why=link.detail), code=f"{link.name}-silent")
     elif link.losses:
-        yield finding("warning", message("check-unsteady", link=link.address, count=link.losses), code=f"{link.name}-unsteady")
+        yield finding(
+            "warning",
+            message("check-unsteady", link=link.address, count=link.losses),
+            code=f"{link.name}-unsteady",
+        )

@@ -79,7 +79,8 @@ def ports() -> list[PortSeen]:
 
 
 async def listen(port: str, baud: int, seconds: float) -> Heard:
-    """Listen on a port until an instrument is recognised; ``baud`` 0 stands for the usual ones, ``seconds`` for each way of listening."""
+    """Listen on a port until an instrument is recognised; ``baud`` 0 stands for the usual ones,
+    ``seconds`` for each way of listening."""
     last = Heard("", baud, b"")
     for name, rate in _ways(port, baud):
         last = await _heard(port, name, rate, seconds, last)
@@ -110,7 +111,9 @@ def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
     line = network_line(port)
     if line is not None:
         first = _NETWORK_PORTS.get(line.port, "umd")
-        yield from ((name, 115200) for name in (first, *(each for each in _SPEAKERS if each != first)))
+        yield from (
+            (name, 115200) for name in (first, *(each for each in _SPEAKERS if each != first))
+        )
         return
     yield "umd", baud or 115200
     yield "lasertex", baud or 3_000_000
@@ -121,7 +124,11 @@ def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
 
 async def _heard(port: str, name: str, baud: int, seconds: float, before: Heard) -> Heard:
     chunks: list[bytes] = []
-    line = instrument_line(SerialSettings(port=port, baud=baud), make_decoder(name, _SPEAKERS[name]), lambda data, _: chunks.append(data))
+    line = instrument_line(
+        SerialSettings(port=port, baud=baud),
+        make_decoder(name, _SPEAKERS[name]),
+        lambda data, _: chunks.append(data),
+    )
     session = asyncio.create_task(line.session(lambda *_: None))
     loop, found = asyncio.get_running_loop(), ""
     end = loop.time() + seconds
@@ -140,7 +147,9 @@ async def _heard(port: str, name: str, baud: int, seconds: float, before: Heard)
 
 
 async def _asked(control: str, host: str, tcp_port: int) -> Answered:
-    plc = convert(read_toml(f"[plc]\n{plc_section(control, host, tcp_port)}", control)["plc"], Plc, control)
+    plc = convert(
+        read_toml(f"[plc]\n{plc_section(control, host, tcp_port)}", control)["plc"], Plc, control
+    )
     plc = msgspec.structs.replace(plc, timeout_s=ANSWER_S)
     reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)
     settings = machine_settings(plc)
@@ -156,5 +165,13 @@ async def _asked(control: str, host: str, tcp_port: int) -> Answered:
     finally:
         link.close()
         await asyncio.sleep(0)
-    values = ", ".join(f"{name} {getattr(signals, name)}" for name in plc.signal_names if getattr(signals, name) is not None)
-    return Answered(control, signals, "; ".join([f"{settings.address}: {values}", *map(str, link.refusals.values())]))
+    values = ", ".join(
+        f"{name} {getattr(signals, name)}"
+        for name in plc.signal_names
+        if getattr(signals, name) is not None
+    )
+    return Answered(
+        control,
+        signals,
+        "; ".join([f"{settings.address}: {values}", *map(str, link.refusals.values())]),
+    )

@@ -12,10 +12,15 @@ DECIMALS = {"x_mm": 4, "y_mm": 4, "z_mm": 4, "air_pressure_hpa": 1, "relative_hu
 
 
 def check_table(seen: Observation) -> Table:
-    """Return every link and every signal with its place, its value now, and how often it changed."""
-    table = Table(title=f"{seen.survey.identity.name}: {seen.survey.identity.machine}, {seen.seconds:.0f} s")
+    """Return every link and every signal with its place, its value now, and how often it
+    changed."""
+    table = Table(
+        title=f"{seen.survey.identity.name}: {seen.survey.identity.machine}, {seen.seconds:.0f} s"
+    )
     for column in ("signal", "where", "now", "changes"):
-        table.add_column(column, justify="right" if column in {"now", "changes"} else "left", overflow="fold")
+        table.add_column(
+            column, justify="right" if column in {"now", "changes"} else "left", overflow="fold"
+        )
     for stream in seen.streams:
         _add_stream(table, stream)
     if not seen.survey.plc.silent:
@@ -24,18 +29,26 @@ def check_table(seen: Observation) -> Table:
 
 
 def _add_link(table: Table, link: LinkSeen) -> None:
-    table.add_row(Text(link.name, "bold"), Text(str(link.address)), Text(link.state, STYLES[link.state]), "")
+    table.add_row(
+        Text(link.name, "bold"), Text(str(link.address)), Text(link.state, STYLES[link.state]), ""
+    )
 
 
 def _add_stream(table: Table, stream: StreamSeen) -> None:
     _add_link(table, stream.link)
     beam = "-" if stream.beam is None else f"{100 * stream.beam:.0f} %"
     rate = "-" if stream.rate_hz is None else f"{stream.rate_hz:.1f} / s"
-    flags = ", ".join(flag.name.lower().replace("_", " ") for flag in stream.last_flags if flag.name) or "good" * bool(stream.samples)
-    table.add_row("  reading", f"{stream.samples} samples, {rate}", _number(stream.position_mm, 6, " mm"), "")
+    flags = ", ".join(
+        flag.name.lower().replace("_", " ") for flag in stream.last_flags if flag.name
+    ) or "good" * bool(stream.samples)
+    table.add_row(
+        "  reading", f"{stream.samples} samples, {rate}", _number(stream.position_mm, 6, " mm"), ""
+    )
     if stream.link.name != "air":
         table.add_row("  beam", Text(flags), beam, "")
-    table.add_row("  garbage", f"{stream.byte_count} bytes in all", str(stream.counts["garbage"]), "")
+    table.add_row(
+        "  garbage", f"{stream.byte_count} bytes in all", str(stream.counts["garbage"]), ""
+    )
     for name, value in stream.conditions.items():
         table.add_row(f"  {name}", "its own sensor", _number(value, DECIMALS.get(name, 2)), "")
     table.add_section()
@@ -44,10 +57,17 @@ def _add_stream(table: Table, stream: StreamSeen) -> None:
 def _add_machine(table: Table, machine: MachineSeen, seen: Observation) -> None:
     _add_link(table, machine.link)
     rate = "-" if machine.rate_hz is None else f"{machine.rate_hz:.0f} / s"
-    table.add_row("  polls", f"{machine.polls} answered, slowest {1e3 * machine.slowest_s:.0f} ms", rate, "")
+    table.add_row(
+        "  polls", f"{machine.polls} answered, slowest {1e3 * machine.slowest_s:.0f} ms", rate, ""
+    )
     for name in seen.survey.plc.signal_names:
         value = getattr(machine.signals, name)
-        table.add_row(f"  {name}", Text(seen.survey.plc.place(name)), _value(name, value), str(machine.changes[name]))
+        table.add_row(
+            f"  {name}",
+            Text(seen.survey.plc.place(name)),
+            _value(name, value),
+            str(machine.changes[name]),
+        )
 
 
 def _value(name: str, value: bool | float | None) -> str:
@@ -72,7 +92,9 @@ def check_json(seen: Observation) -> dict[str, Any]:
             "polls": seen.machine.polls,
             "polls_per_s": seen.machine.rate_hz,
             "slowest_s": seen.machine.slowest_s,
-            "signals": {name: getattr(seen.machine.signals, name) for name in seen.survey.plc.signal_names},
+            "signals": {
+                name: getattr(seen.machine.signals, name) for name in seen.survey.plc.signal_names
+            },
             "changes": {name: seen.machine.changes[name] for name in seen.survey.plc.signal_names},
         },
     }

@@ -47,4 +47,5 @@ LINUX_ONLY = frozenset(
         "stream",
     }
 )
-"""Commands that reach wires or a recorder, or confine what is open to the network: they use what Linux alone has."""
+"""Commands that reach wires or a recorder, or confine what is open to the network: they use what
+Linux alone has."""

@@ -1,4 +1,5 @@
-"""``stepdiag accept``: a person's word that what is doubted of a survey may be used all the same."""
+"""``stepdiag accept``: a person's word that what is doubted of a survey may be used all the
+same."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,11 +37,25 @@ def accept(
 
     found = standing_of(survey)
     if found.round is None:
-        raise UsageError(str(survey), expected=message("recorded-survey"), found=message("nothing-recorded-yet"))
+        raise UsageError(
+            str(survey), expected=message("recorded-survey"), found=message("nothing-recorded-yet")
+        )
     if stop == CODE:
         moment = _moment(begun)
-        state_time(found.round, moment.timestamp(), reason=reason, name=name or getpass.getuser(), time_s=time.time())
-        print_words(message("first-stop-is", folder=str(found.round), moment=moment.isoformat(timespec="minutes")))
+        state_time(
+            found.round,
+            moment.timestamp(),
+            reason=reason,
+            name=name or getpass.getuser(),
+            time_s=time.time(),
+        )
+        print_words(
+            message(
+                "first-stop-is",
+                folder=str(found.round),
+                moment=moment.isoformat(timespec="minutes"),
+            )
+        )
         return
     if begun is not None:
         raise UsageError("--begun", expected=message("accepted-code", code=CODE), found=stop)
@@ -53,7 +68,8 @@ def accept(
 
 
 def _moment(text: str | None) -> "datetime":
-    """Return the time that a person states, in UTC. Raises UsageError for none, and for one before this program was built."""
+    """Return the time that a person states, in UTC. Raises UsageError for none, and for one before
+    this program was built."""
     from datetime import UTC, datetime
 
     from stepdiag.base.errors import UsageError

@@ -46,14 +46,22 @@ def next_setup(
             typer.echo(kept(taken) if note else shown(taken), err=True)
             return
     if as_json:
-        figures = {"now_um": ahead.now_um, "then_um": ahead.then_um, "minutes": ahead.minutes, "at_most_um": ahead.at_most_um}
+        figures = {
+            "now_um": ahead.now_um,
+            "then_um": ahead.then_um,
+            "minutes": ahead.minutes,
+            "at_most_um": ahead.at_most_um,
+        }
         typer.echo(
             json.dumps(
                 {
                     "end": ahead.end,
                     "setup": status.setup,
                     "further": status.further,
-                    "runs": [{"setup": run.setup, "beam_offset_mm": run.beam_offset_mm} for run in ahead.runs],
+                    "runs": [
+                        {"setup": run.setup, "beam_offset_mm": run.beam_offset_mm}
+                        for run in ahead.runs
+                    ],
                     "angles_urad": ahead.angles_urad,
                     **figures,
                     "text": str(status.words),
@@ -80,8 +88,14 @@ def _programs(file: Path, setup: str) -> list[str]:
     for each in survey.exports:
         if each.controller in CONTROLS:
             profile = file.parent / each.profile
-            programs, _ = programs_of(survey, each.controller, profile if profile.exists() else None)
-            own = [ControlFile(name=one.name, data=one.data, role="program") for one in programs if one.setup == setup]
+            programs, _ = programs_of(
+                survey, each.controller, profile if profile.exists() else None
+            )
+            own = [
+                ControlFile(name=one.name, data=one.data, role="program")
+                for one in programs
+                if one.setup == setup
+            ]
             folder = file.parent / "programs" / setup / each.controller
             write_set(folder, own)
             written += [str(folder / one.name) for one in own]

@@ -33,9 +33,12 @@ def _say_version(asked: bool) -> None:
 
 @app.callback()
 def stepdiag(
-    _version: Annotated[bool, typer.Option("--version", callback=_say_version, is_eager=True)] = False,
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True)
+    ] = False,
 ) -> None:
-    """Volumetric calibration of machine tools with the laser vector (sequential step diagonal) method."""
+    """Volumetric calibration of machine tools with the laser vector (sequential step diagonal)
+    method."""
 
 
 def build() -> Callable[[], None]:
@@ -57,11 +60,15 @@ def _refuse_elsewhere(group: typer.Typer, before: str = "") -> None:
             command.callback = wraps(command.callback)(partial(_refuse, name))
     for inner in group.registered_groups:
         if inner.typer_instance:
-            _refuse_elsewhere(inner.typer_instance, f"{inner.name or inner.typer_instance.info.name} ")
+            _refuse_elsewhere(
+                inner.typer_instance, f"{inner.name or inner.typer_instance.info.name} "
+            )
 
 
 def _refuse(name: str, **_arguments: object) -> None:
-    raise UsageError(f"stepdiag {name}", expected="Linux", found=sys.platform, remedy=message("other-systems"))
+    raise UsageError(
+        f"stepdiag {name}", expected="Linux", found=sys.platform, remedy=message("other-systems")
+    )
 
 
 def main() -> None:

@@ -33,7 +33,11 @@ def begin(
     known = load_survey(survey)
     planned = known.plan.all_setups
     if not known.plc.silent:
-        raise UsageError(f"{survey.name}: plc.transport", expected=message("transport-none"), found=repr(known.plc.transport))
+        raise UsageError(
+            f"{survey.name}: plc.transport",
+            expected=message("transport-none"),
+            found=repr(known.plc.transport),
+        )
     if setup not in planned:
         raise UsageError("begin", expected=message("one-of", names=planned), found=repr(setup))
     folder = known.folder(survey)
@@ -52,5 +56,10 @@ def begin(
         now = live_in(folder)
     waits = now.waits_for if now is not None else message("silence")
     if now is None or not now.awaits_stop_of(setup):
-        raise DataError("begin", expected=message("daemon-waits", setup=setup), found=waits, remedy=message("journal-says"))
+        raise DataError(
+            "begin",
+            expected=message("daemon-waits", setup=setup),
+            found=waits,
+            remedy=message("journal-says"),
+        )
     print_words(message("setup-begun", setup=setup, waits=waits))

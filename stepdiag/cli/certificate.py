@@ -1,4 +1,5 @@
-"""``stepdiag certificate``: a result as a digital calibration certificate; `verify` computes it again."""
+"""``stepdiag certificate``: a result as a digital calibration certificate; `verify` computes it
+again."""
 
 from pathlib import Path
 from typing import Annotated
@@ -40,18 +41,35 @@ def certificate(
     if out.suffix.lower() != ".xml":
         raise UsageError("--out", expected=message("file-named", endings=["*.xml"]), found=str(out))
     if (key is None) != (key_certificate is None):
-        raise UsageError("--key, --key-certificate", expected=message("both"), found=message("one-of-both"))
-    files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
+        raise UsageError(
+            "--key, --key-certificate", expected=message("both"), found=message("one-of-both")
+        )
+    files = [
+        path
+        for each in files or ()
+        for path in ([each] if each.is_file() else sorted(each.rglob("*")))
+        if path.is_file()
+    ]
     if pdf is not None and (report is None or report.suffix.lower() not in {".html", ".htm"}):
-        raise UsageError("--pdf", expected=message("with-option", option="--report FILE.html"), found=message("none"))
+        raise UsageError(
+            "--pdf",
+            expected=message("with-option", option="--report FILE.html"),
+            found=message("none"),
+        )
     if pdf is not None and pdf.suffix.lower() != ".pdf":
         raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
     read_result(result)
     left = None if after is None else result_file(after)
     beside = Beside(
-        laboratory=laboratory, files=files, report=report, letterhead=letterhead, profile=profile, left=left, key=key,
+        laboratory=laboratory,
+        files=files,
+        report=report,
+        letterhead=letterhead,
+        profile=profile,
+        left=left,
+        key=key,
         key_certificate=key_certificate,
-    )  # fmt: skip
+    )
     links = write_certificate(result_file(result), out, beside, pdf)
     print_words(message("certificate-rests", path=str(out), count=links))
 
@@ -71,20 +89,32 @@ def certify_folder(folder: Path) -> Path:
     from stepdiag.report.from_files import ReportFiles, report_from
     from stepdiag.report.output import write_report
 
-    laboratory = next((path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None)
+    laboratory = next(
+        (path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None
+    )
     files = [path for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
-    names = ("certificate.xml", *(f"certificate-{number}.xml" for number in range(2, MOST_CERTIFICATES)))
-    out = next((folder / name for name in names if not (folder / name).exists()), folder / names[-1])
+    names = (
+        "certificate.xml",
+        *(f"certificate-{number}.xml" for number in range(2, MOST_CERTIFICATES)),
+    )
+    out = next(
+        (folder / name for name in names if not (folder / name).exists()), folder / names[-1]
+    )
     completed = folder / "report.html"
     language = language_of(read_text(completed)) if completed.is_file() else "en"
-    made = report_from(ReportFiles(result=folder / RESULT, laboratory=laboratory, language=language))
+    made = report_from(
+        ReportFiles(result=folder / RESULT, laboratory=laboratory, language=language)
+    )
     (report,) = write_report(made, out.with_suffix(".html"))
-    write_certificate(folder / RESULT, out, Beside(laboratory=laboratory, files=files, report=report))
+    write_certificate(
+        folder / RESULT, out, Beside(laboratory=laboratory, files=files, report=report)
+    )
     return out
 
 
 def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -> None:
-    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5 where one does not.
+    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5
+    where one does not.
 
     ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
     """
@@ -102,15 +132,20 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
             from stepdiag.fleet.custody import verify_in_store
         found = verify_in_store(path, custody)
     else:
-        found = (verify_archived if archived else verify_certificate)(path, Path(custody or path.parent))
+        found = (verify_archived if archived else verify_certificate)(
+            path, Path(custody or path.parent)
+        )
     if found.broken is not None:
         print_words(message("certificate-wrong", name=path.name, what=found.broken))
         raise typer.Exit(JUDGED_WRONG)
-    print_words(message("certificate-holds", name=path.name, links=found.links, figures=found.figures))
+    print_words(
+        message("certificate-holds", name=path.name, links=found.links, figures=found.figures)
+    )
     if found.signed and key_certificate is None:
         print_words(message("signature-unchecked"))
 
 
 def is_store(custody: str) -> bool:
-    """Return whether a place is a store: a folder with its mark, or an address of a file system elsewhere."""
+    """Return whether a place is a store: a folder with its mark, or an address of a file system
+    elsewhere."""
     return "://" in custody or (Path(custody) / "stepdiag-store.json").is_file()

@@ -38,7 +38,11 @@ def check(
     if not 1.0 <= seconds < float("inf"):
         raise UsageError(
             "--seconds",
-            expected=message("number-limited", kind=message("a-number"), limits=[message("limit-or-more", limit=1)]),
+            expected=message(
+                "number-limited",
+                kind=message("a-number"),
+                limits=[message("limit-or-more", limit=1)],
+            ),
             found=f"{seconds:g}",
         )
     survey = load_survey(file)
@@ -55,7 +59,8 @@ def check(
 
 
 def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
-    """Watch the links; live on a terminal, one table at the end elsewhere, none where ``quiet``. Ctrl-C ends the watch, not the check."""
+    """Watch the links; live on a terminal, one table at the end elsewhere, none where ``quiet``.
+    Ctrl-C ends the watch, not the check."""
     import asyncio
     import logging
     from contextlib import suppress
@@ -77,7 +82,10 @@ def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
         if not quiet:
             console.print(check_table(seen))
         return
-    with Live(check_table(seen), console=console, auto_refresh=False, transient=quiet) as live, suppress(KeyboardInterrupt):
+    with (
+        Live(check_table(seen), console=console, auto_refresh=False, transient=quiet) as live,
+        suppress(KeyboardInterrupt),
+    ):
         asyncio.run(watch(seen, seconds, lambda: live.update(check_table(seen), refresh=True)))
 
 

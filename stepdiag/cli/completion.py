@@ -6,8 +6,18 @@ import typer
 
 AsJson = Annotated[bool, typer.Option("--json")]
 Verbose = Annotated[bool, typer.Option("--verbose")]
-TABLES = ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor", "neutral")
-"""The controls that tables are written for: the names of `stepdiag.exporters.profiles.registry.CONTROLLERS`."""
+TABLES = (
+    "siemens",
+    "fanuc",
+    "heidenhain",
+    "linuxcnc",
+    "beckhoff",
+    "mitsubishi",
+    "fagor",
+    "neutral",
+)
+"""The controls that tables are written for: the names of
+`stepdiag.exporters.profiles.registry.CONTROLLERS`."""
 FIELDS = ("lattice", "etalon")
 """Further outputs of ``export``: correction vectors of the whole volume, and the Etalon Exchange
 format.

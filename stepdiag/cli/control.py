@@ -1,4 +1,5 @@
-"""``stepdiag profile``, ``export`` and ``verify``: from a result to the files of a control, and what these files will do."""
+"""``stepdiag profile``, ``export`` and ``verify``: from a result to the files of a control, and
+what these files will do."""
 
 import json
 from pathlib import Path
@@ -73,10 +74,14 @@ def export(
     from stepdiag.exporters.export.export import export as write_files
     from stepdiag.terminal.progress import working
 
-    measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
+    measured = with_compensation(
+        read_result(result), compensation, active_files(active), active_date, active_source
+    )
     with working(message("checking-tables")):
         known = None if profile is None else read_profile(profile, controller, measured.volume)
-        written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
+        written = write_files(
+            measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out
+        )
     _name_unused(accept or (), written)
     if as_json:
         typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
@@ -88,7 +93,9 @@ def export(
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
     """Print the accepted codes without a finding in the export: mistyped, or not needed."""
-    if unused := [code for code in accept if not any(each.is_accepted([code]) for each in written.findings)]:
+    if unused := [
+        code for code in accept if not any(each.is_accepted([code]) for each in written.findings)
+    ]:
         print_words(message("accept-unused", codes=unused), err=True)
 
 
@@ -99,7 +106,9 @@ def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
     from stepdiag.exporters.tables import lattice
 
     if controller == lattice.NAME:
-        raise UsageError("--profile", expected="--step-mm alone: a lattice knows no control", found=path.name)
+        raise UsageError(
+            "--profile", expected="--step-mm alone: a lattice knows no control", found=path.name
+        )
     return load_profile(path, controller_named(controller), volume)
 
 
@@ -127,7 +136,9 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
 
     from stepdiag.terminal.tables import effect_table, print_findings
 
-    typer.echo(shown(message("files-written", count=len(written.files), folder=str(written.out_dir))))
+    typer.echo(
+        shown(message("files-written", count=len(written.files), folder=str(written.out_dir)))
+    )
     for name in written.files if verbose else ():
         typer.echo(f"  {name}")
     print_findings(written.findings, verbose=verbose)
@@ -189,25 +200,37 @@ def verify(
         verify_file(result, custody, key_certificate)
         return
     if custody or key_certificate is not None:
-        raise UsageError("--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name)
+        raise UsageError(
+            "--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name
+        )
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.safety.verify import controller_for, verify_files
     from stepdiag.report.drawings.space import LATTICE
 
-    measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
+    measured = with_compensation(
+        read_result(result), compensation, active_files(active), active_date, active_source
+    )
     beside = compared(measured, diagonal or ())
     if not files:
         _diagonals_alone(beside, read_back or [], as_json=as_json)
         return
     given, aside = tables_among(files)
-    known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
+    known = (
+        read_profile(profile, controller_for(given).name, measured.volume)
+        if profile is not None
+        else None
+    )
     found = verify_files(measured, given, known)
     if out is not None:
         _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)
     held = _read_back(measured, given, read_back or [], known)
     if as_json:
-        parts = {**_verification_json(found, given, aside), **_read_back_json(held), **_diagonals_json(beside)}
+        parts = {
+            **_verification_json(found, given, aside),
+            **_read_back_json(held),
+            **_diagonals_json(beside),
+        }
         typer.echo(json.dumps(parts, indent=2, ensure_ascii=False))
     else:
         _print_verification(found, given, aside, stated_in(measured).words())
@@ -222,8 +245,11 @@ def verify(
         raise typer.Exit(JUDGED_WRONG)
 
 
-def _read_back(measured: "Result", given: "Sequence[ControlFile]", paths: list[Path], known: "Profile | None") -> "ReadBack | None":
-    """Return what the control holds against what was written, None without files of it. Raises DataError for those of another control."""
+def _read_back(
+    measured: "Result", given: "Sequence[ControlFile]", paths: list[Path], known: "Profile | None"
+) -> "ReadBack | None":
+    """Return what the control holds against what was written, None without files of it. Raises
+    DataError for those of another control."""
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.profiles.file import quick_profile
     from stepdiag.exporters.safety.read_back import compare
@@ -232,13 +258,21 @@ def _read_back(measured: "Result", given: "Sequence[ControlFile]", paths: list[P
     if not paths:
         return None
     control = controller_for(given)
-    return compare(control, given, read_given(paths), known or quick_profile(control, measured.volume))
+    return compare(
+        control, given, read_given(paths), known or quick_profile(control, measured.volume)
+    )
 
 
 def _read_back_json(held: "ReadBack | None") -> dict[str, object]:
     if held is None:
         return {}
-    return {"read_back": {"numbers": held.numbers, "switches": held.switches, "findings": [each.as_json() for each in held.findings]}}
+    return {
+        "read_back": {
+            "numbers": held.numbers,
+            "switches": held.switches,
+            "findings": [each.as_json() for each in held.findings],
+        }
+    }
 
 
 def _print_read_back(held: "ReadBack | None") -> None:
@@ -253,12 +287,19 @@ def _print_read_back(held: "ReadBack | None") -> None:
 
 
 def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
-    """Show straight diagonals against a result, where no files are to be judged. Raises UsageError where there is neither."""
+    """Show straight diagonals against a result, where no files are to be judged. Raises UsageError
+    where there is neither."""
     if read_back:
-        raise UsageError("--read-back", expected=message("with-option", option=message("loaded-files")), found=message("none"))
+        raise UsageError(
+            "--read-back",
+            expected=message("with-option", option=message("loaded-files")),
+            found=message("none"),
+        )
     if not beside:
         raise UsageError(
-            "verify", expected=message("either-option", one=message("control-files"), other="--diagonal"), found=message("neither")
+            "verify",
+            expected=message("either-option", one=message("control-files"), other="--diagonal"),
+            found=message("neither"),
         )
     if as_json:
         typer.echo(json.dumps(_diagonals_json(beside), indent=2))
@@ -268,7 +309,11 @@ def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json
 
 
 def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
-    return {"diagonals": [{**each._asdict(), "largest_um": each.largest_um} for each in beside]} if beside else {}
+    return (
+        {"diagonals": [{**each._asdict(), "largest_um": each.largest_um} for each in beside]}
+        if beside
+        else {}
+    )
 
 
 def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
@@ -289,10 +334,17 @@ def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str
     from stepdiag.exporters.tables import lattice
 
     def acts(file: "ControlFile") -> bool:
-        known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
-        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL, READ_BACK, *READ_BACK_HAL) and (
-            known or not file.name.lower().endswith(".txt")
+        known = lattice.recognises(file) or any(
+            control.recognises(file) for control in CONTROLLERS.values()
         )
+        return file.name not in (
+            REPORT,
+            SUMS,
+            kinematics.SOURCE,
+            kinematics.HAL,
+            READ_BACK,
+            *READ_BACK_HAL,
+        ) and (known or not file.name.lower().endswith(".txt"))
 
     read = read_given(paths)
     acting = [file for file in read if acts(file)]
@@ -308,7 +360,9 @@ def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str
     return used, tuple(file.name for file in read if file not in used)
 
 
-def _verification_json(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> dict[str, object]:
+def _verification_json(
+    found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]"
+) -> dict[str, object]:
     from stepdiag.base.result.typed import written as json_of
 
     return {
@@ -330,20 +384,33 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
 
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError("--out", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=out.name)
+        raise UsageError(
+            "--out",
+            expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]),
+            found=out.name,
+        )
     reach = reach_of(found.prediction.predicted)
     language = viewers_language()
     drawing = drawing_file(effect_drawing(drawn, reach, language), suffix, shown(TITLE), language)
     write_atomically(out, drawing.encode("utf-8"))
 
 
-def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]", measured_with: str) -> None:
+def _print_verification(
+    found: "Verification",
+    given: "Sequence[ControlFile]",
+    aside: "Sequence[str]",
+    measured_with: str,
+) -> None:
     from rich.console import Console
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
     names = [file.name for file in given]
-    typer.echo(shown(message("files-read-as", controller=found.controller, names=names, state=measured_with)))
+    typer.echo(
+        shown(
+            message("files-read-as", controller=found.controller, names=names, state=measured_with)
+        )
+    )
     if aside:
         typer.echo(shown(message("files-left-aside", names=list(aside))))
     for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
@@ -358,7 +425,11 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:
     """Print the gaps of the prediction, and files that make the machine worse."""
-    unknown: list[Words] = [message("scale-of", axis=axis) for axis, scale in measured.scale.items() if not scale.identified]
+    unknown: list[Words] = [
+        message("scale-of", axis=axis)
+        for axis, scale in measured.scale.items()
+        if not scale.identified
+    ]
     unknown += [name for name, function in measured.errors.items() if function.value is None]
     if unknown:
         typer.echo(shown(message("not-in-figures", names=unknown)))

@@ -30,12 +30,16 @@ def demo(
 ) -> None:
     """Do the whole job on a virtual machine."""
     if live and as_json:
-        raise UsageError("--json", expected=message("without-option", option="--live"), found="--live")
+        raise UsageError(
+            "--json", expected=message("without-option", option="--live"), found="--live"
+        )
     if live:
         _live(out, seed, browser=browser is not False)
         return
     if browser is not None:
-        raise UsageError("--browser", expected=message("with-option", option="--live"), found=message("none"))
+        raise UsageError(
+            "--browser", expected=message("with-option", option="--live"), found=message("none")
+        )
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -113,33 +117,67 @@ def _print_table(found: "Demonstrated", *, verbose: bool) -> None:
     from stepdiag.demo.reach import FORMS
 
     table = empty_table(message("table-demo"))
-    named = {"fanuc": message("demo-fanuc"), "siemens": message("demo-siemens"), **{str(form.name): form.name for form in FORMS}}
+    named = {
+        "fanuc": message("demo-fanuc"),
+        "siemens": message("demo-siemens"),
+        **{str(form.name): form.name for form in FORMS},
+    }
     forms = {**found.after, **found.reach}
     worst_first = sorted(forms, key=lambda name: -forms[name].rms_um)
-    for name, figures in [(message("as-it-is"), found.before), *((named[name], forms[name]) for name in worst_first)]:
-        table.add_row(shown(name), f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}")
+    for name, figures in [
+        (message("as-it-is"), found.before),
+        *((named[name], forms[name]) for name in worst_first),
+    ]:
+        table.add_row(
+            shown(name),
+            f"{figures.rms_um:.2f}",
+            f"{figures.largest_um:.2f}",
+            f"{figures.face_diagonal_um:.2f}",
+        )
     Console().print(table)
     for each in found.promises:
-        key: Literal["demo-promise-kept", "demo-promise-broken"] = "demo-promise-kept" if each.kept else "demo-promise-broken"
+        key: Literal["demo-promise-kept", "demo-promise-broken"] = (
+            "demo-promise-kept" if each.kept else "demo-promise-broken"
+        )
         words = shown(message(key, of=each.of, stated=each.stated.words(), true_um=each.true_um))
         print_lines([words[0].upper() + words[1:]])
     if verbose:
         print_lines(concluded_in(found.round))
         print_lines([shown(message("demo-forms"))])
     report = str(found.round / "report.html")
-    print_lines([shown(message("demo-done", seconds_s=found.seconds, path=report)), shown(message("demo-next", folder=str(found.folder)))])
+    print_lines(
+        [
+            shown(message("demo-done", seconds_s=found.seconds, path=report)),
+            shown(message("demo-next", folder=str(found.folder))),
+        ]
+    )
 
 
 def _print_json(found: "Demonstrated") -> None:
     import json
     from dataclasses import asdict
 
-    figures = {"as it is": asdict(found.before), **{name: asdict(each) for name, each in found.after.items()}}
+    figures = {
+        "as it is": asdict(found.before),
+        **{name: asdict(each) for name, each in found.after.items()},
+    }
     figures |= {name: asdict(each) for name, each in found.reach.items()}
     factors = {name: found.factor(name) for name in (*found.after, *found.reach)}
     promises = [
-        {"of": each.of, "low_um": each.stated.low_um, "high_um": each.stated.high_um, "true_um": each.true_um, "kept": each.kept}
+        {
+            "of": each.of,
+            "low_um": each.stated.low_um,
+            "high_um": each.stated.high_um,
+            "true_um": each.true_um,
+            "kept": each.kept,
+        }
         for each in found.promises
     ]
-    document = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
+    document = {
+        "folder": str(found.round),
+        "seconds": found.seconds,
+        "figures": figures,
+        "factors": factors,
+        "promises": promises,
+    }
     typer.echo(json.dumps(document, indent=2))

@@ -1,4 +1,5 @@
-"""``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra ``stepdiag[fleet]``)."""
+"""``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra
+``stepdiag[fleet]``)."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,7 +46,10 @@ def extra_needed(name: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         remedy = message("pip-install", name=name)
         raise UsageError(
-            f"stepdiag[{name}]", expected=message("libraries-of-extra"), found=message("no-name", name=error.name or ""), remedy=remedy
+            f"stepdiag[{name}]",
+            expected=message("libraries-of-extra"),
+            found=message("no-name", name=error.name or ""),
+            remedy=remedy,
         ) from error
 
 
@@ -70,14 +74,27 @@ def add(
         for each in counted(found, message("archiving"), len(found)):
             added.append(put(each, store))
             if not as_json:
-                print_words(message("archived-each", outcome=OUTCOMES[added[-1].outcome], source=str(each), folder=added[-1].place.folder))
+                print_words(
+                    message(
+                        "archived-each",
+                        outcome=OUTCOMES[added[-1].outcome],
+                        source=str(each),
+                        folder=added[-1].place.folder,
+                    )
+                )
             if unknown := undated(each):
                 typer.echo(printable(f"{each}: {unknown}"), err=True)
     finally:
         refresh_index(store)
     if as_json:
         rows = [
-            {"source": str(each.source), "outcome": each.outcome, "folder": each.place.folder, "bytes": each.size_bytes} for each in added
+            {
+                "source": str(each.source),
+                "outcome": each.outcome,
+                "folder": each.place.folder,
+                "bytes": each.size_bytes,
+            }
+            for each in added
         ]
         typer.echo(json.dumps(rows, indent=2))
 
@@ -95,7 +112,10 @@ def check(store: str) -> None:
         typer.echo(f"{name}: {shown(why)}", err=True)
     if broken:
         raise DataError(
-            store, expected=message("files-unchanged"), found=message("number-damaged", count=len(broken)), remedy=message("lines-above")
+            store,
+            expected=message("files-unchanged"),
+            found=message("number-damaged", count=len(broken)),
+            remedy=message("lines-above"),
         )
     print_words(message("store-holds", store=store, count=len(place.tables())))
 
@@ -112,7 +132,9 @@ def trend(
 ) -> None:
     """Show what changed on the machines of a store."""
     if language is not None and report is None:
-        raise UsageError("--language", expected=message("with-option", option="--report"), found=message("none"))
+        raise UsageError(
+            "--language", expected=message("with-option", option="--report"), found=message("none")
+        )
     chosen = language_named(language or "en")
     found, left_out = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
@@ -123,20 +145,35 @@ def trend(
     from stepdiag.fleet.terminal import as_json as json_of
 
     tables = {} if csv is None else {csv: as_csv(found).encode("utf-8")}
-    sheets = {} if report is None else {report: fleet_html(found, store, chosen, left_out).encode("utf-8")}
+    sheets = (
+        {}
+        if report is None
+        else {report: fleet_html(found, store, chosen, left_out).encode("utf-8")}
+    )
     write_together(tables | sheets, over=True)
     if as_json:
         typer.echo(json.dumps(json_of(found, left_out), indent=2, ensure_ascii=False))
     else:
-        Console().print(trend_table([each for _, of_machine in worst_first(found) for each in of_machine], whole=bool(machine)))
+        Console().print(
+            trend_table(
+                [each for _, of_machine in worst_first(found) for each in of_machine],
+                whole=bool(machine),
+            )
+        )
     _name_left_out(left_out)
 
 
 def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
-    """Print what no series holds on standard error. Raises DataError where a table is damaged: the other machines are shown before."""
+    """Print what no series holds on standard error. Raises DataError where a table is damaged: the
+    other machines are shown before."""
 
     for each in left_out:
-        print_words(message("left-out", name=" ".join(filter(None, (each.machine, each.name))), why=each.why), err=True)
+        print_words(
+            message(
+                "left-out", name=" ".join(filter(None, (each.machine, each.name))), why=each.why
+            ),
+            err=True,
+        )
     damaged = [each.name for each in left_out if each.damaged]
     if damaged:
         raise DataError(
@@ -161,7 +198,9 @@ def fleet(
     from stepdiag.fleet.page import LOOPBACK, Sheets, create_app, serve
     from stepdiag.fleet.store import Store
 
-    sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
+    sheets = Sheets(
+        Store(store).state, lambda: _trends(store, "", tolerance or [], software), store
+    )
     chosen = language_named(language)
     sheets.sheet(chosen)
     token = token_urlsafe(18)
@@ -188,9 +227,13 @@ def resolve(
     from stepdiag.base.files import read_text
 
     if survey is not None and not machine:
-        raise UsageError("--survey", expected=message("with-option", option="--machine"), found=message("none"))
+        raise UsageError(
+            "--survey", expected=message("with-option", option="--machine"), found=message("none")
+        )
     if workers is not None and scheduler:
-        raise UsageError("--workers", expected=message("without-option", option="--scheduler"), found=scheduler)
+        raise UsageError(
+            "--workers", expected=message("without-option", option="--scheduler"), found=scheduler
+        )
     files = {"--ca": ca, "--certificate": certificate, "--key": key}
     by = _scheduler(scheduler, files) if scheduler or any(files.values()) else workers or 2
     text = read_text(survey) if survey is not None else ""
@@ -200,8 +243,18 @@ def resolve(
     try:
         for each in resolving.resolve(place, surveys, by, survey=text):
             found.append(each)
-            outcomes = [OUTCOMES[each.outcome], *each.changed, *([each.reason] if each.reason != "" else [])]
-            done = message("resolved-each", number=len(found), count=len(surveys), folder=each.place.folder, outcomes=outcomes)
+            outcomes = [
+                OUTCOMES[each.outcome],
+                *each.changed,
+                *([each.reason] if each.reason != "" else []),
+            ]
+            done = message(
+                "resolved-each",
+                number=len(found),
+                count=len(surveys),
+                folder=each.place.folder,
+                outcomes=outcomes,
+            )
             print_words(done, err=as_json)
     finally:
         refresh_index(place)
@@ -210,9 +263,11 @@ def resolve(
     failed = [each for each in found if each.outcome == "failed"]
     if failed:
         raise DataError(
-            store, expected=message("solved-by-version"), found=message("some-unsolved", count=len(failed), of=len(found)),
+            store,
+            expected=message("solved-by-version"),
+            found=message("some-unsolved", count=len(failed), of=len(found)),
             remedy=message("survey-instead"),
-        )  # fmt: skip
+        )
 
 
 def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
@@ -222,15 +277,25 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
     from stepdiag.fleet.resolve import Scheduler
 
     if not address.startswith("tls://"):
-        raise UsageError("--scheduler", expected=message("tls-scheduler"), found=address or message("none"))
+        raise UsageError(
+            "--scheduler", expected=message("tls-scheduler"), found=address or message("none")
+        )
     given = {option: file for option, file in files.items() if file is not None and file.is_file()}
     for option, file in files.items():
         if option not in given:
-            raise UsageError(option, expected=message("pem-beside-scheduler"), found=str(file) if file else message("none"))
-    return Scheduler(address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"])
+            raise UsageError(
+                option,
+                expected=message("pem-beside-scheduler"),
+                found=str(file) if file else message("none"),
+            )
+    return Scheduler(
+        address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"]
+    )
 
 
-def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
+def _trends(
+    address: str, machine: str, tolerances: list[str], software: str
+) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
     """Return the trends of a store, and what is left out."""
     from datetime import UTC, datetime
 
@@ -257,6 +322,10 @@ def _tolerance(text: str) -> tuple[str, float]:
         largest = 0.0
     if not 0.0 < largest < float("inf"):
         raise UsageError(
-            "--tolerance", expected=message("such-as", what=message("quantity-above-0"), example="volumetric-rms=15"), found=repr(text)
+            "--tolerance",
+            expected=message(
+                "such-as", what=message("quantity-above-0"), example="volumetric-rms=15"
+            ),
+            found=repr(text),
         )
     return quantity, largest

@@ -1,4 +1,5 @@
-"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live from its port or from what was recorded."""
+"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live from its port or from what
+was recorded."""
 
 import json
 from pathlib import Path
@@ -9,7 +10,14 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
-from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
+from stepdiag.head.source import (
+    curves_of_logs,
+    head_of_logs,
+    head_record,
+    read_calibration,
+    stage_run,
+    write_calibration,
+)
 from stepdiag.terminal.viewer import print_words, shown, viewers_language
 
 if TYPE_CHECKING:
@@ -54,7 +62,12 @@ def new(
     from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity
 
     identity = HeadIdentity(
-        id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm, version=2
+        id=head_id,
+        format="fourdof",
+        date=_today(),
+        psd1_focal_length_mm=psd1_focal_mm,
+        psd2_focal_length_mm=psd2_focal_mm,
+        version=2,
     )
     write_calibration(out, HeadFile(head=identity))
     print_words(message("written-next", path=str(out), what=message("fourdof-commission-next")))
@@ -78,18 +91,34 @@ def calibrate(
     from stepdiag.head.view import calibration_charts, calibration_table
 
     file = read_calibration(base)
-    file = msgspec.structs.replace(file, head=msgspec.structs.replace(file.head, date=_today(), reference=reference or file.head.reference))
+    file = msgspec.structs.replace(
+        file,
+        head=msgspec.structs.replace(
+            file.head, date=_today(), reference=reference or file.head.reference
+        ),
+    )
     fits = {}
     for text in run:
         detector, axis, source = _stage(text)
-        fitted = calibrate_axis(stage_run(source, detector, axis), detector, file, degree=degree, u_reference=u_reference)
+        fitted = calibrate_axis(
+            stage_run(source, detector, axis),
+            detector,
+            file,
+            degree=degree,
+            u_reference=u_reference,
+        )
         fits[f"{detector}.{axis}"] = fitted
-        file = with_curve(file, detector, axis, fitted).with_measured("fourdof calibrate", _today(), f"{detector}.{axis}")
+        file = with_curve(file, detector, axis, fitted).with_measured(
+            "fourdof calibrate", _today(), f"{detector}.{axis}"
+        )
     write_calibration(out, file)
     if plot is not None:
         _draw(plot, calibration_charts(fits), shown(message("sheet-residuals")))
     if as_json:
-        figures = {name: {"unit": each.run.unit, "residual": each.limits, "u_um": each.fit.curve.u_um} for name, each in fits.items()}
+        figures = {
+            name: {"unit": each.run.unit, "residual": each.limits, "u_um": each.fit.curve.u_um}
+            for name, each in fits.items()
+        }
         typer.echo(json.dumps(figures, indent=2))
         return
     calibration_table(fits)
@@ -108,11 +137,17 @@ def commission(
     """Calibrate the head with the machine as its stage."""
     if len(sources) == 1 and sources[0].suffix.lower() == ".toml":
         if controller is None or calibration is not None:
-            raise UsageError("fourdof commission", expected=message("commission-program-options"), found=sources[0].name)
+            raise UsageError(
+                "fourdof commission",
+                expected=message("commission-program-options"),
+                found=sources[0].name,
+            )
         _commission_program(sources[0], controller, profile, out)
         return
     if calibration is None or controller is not None or profile is not None:
-        raise UsageError("fourdof commission", expected=message("commission-logs-options"), found=sources[0].name)
+        raise UsageError(
+            "fourdof commission", expected=message("commission-logs-options"), found=sources[0].name
+        )
     _commission_logs(sources, calibration, out, as_json=as_json)
 
 
@@ -123,7 +158,13 @@ def _commission_program(file: Path, controller: str, profile: Path | None, out: 
     from stepdiag.exporters.files.sets import write_set
 
     programs, beside = programs_of(load_survey(file), controller, profile, commission=True)
-    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
+    write_set(
+        out,
+        [
+            *(ControlFile(name=each.name, data=each.data, role="program") for each in programs),
+            *beside,
+        ],
+    )
     for each in programs:
         typer.echo(f"{each.setup:<12}{out / each.name}")
     print_words(message("run-then-commission", name=file.name))
@@ -136,12 +177,27 @@ def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json:
     from stepdiag.head.view import commission_table
 
     seen = commissioning_run(replay(find_logs(logs)))
-    done = commissioned(seen.standings, read_calibration(calibration), seen.run, seen.axis, _today())
+    done = commissioned(
+        seen.standings, read_calibration(calibration), seen.run, seen.axis, _today()
+    )
     write_calibration(out, done.file)
     if as_json:
         table = done.file.uncertainty
-        fields = {name: {"value": value, "u": u} for name, value, u in zip(table.of, done.found.value.tolist(), table.u, strict=True)}
-        typer.echo(json.dumps({"fields": fields, "u_jog_um": done.found.u_jog_um, "stands": done.stands, "dark": done.dark}, indent=2))
+        fields = {
+            name: {"value": value, "u": u}
+            for name, value, u in zip(table.of, done.found.value.tolist(), table.u, strict=True)
+        }
+        typer.echo(
+            json.dumps(
+                {
+                    "fields": fields,
+                    "u_jog_um": done.found.u_jog_um,
+                    "stands": done.stands,
+                    "dark": done.dark,
+                },
+                indent=2,
+            )
+        )
         return
     commission_table(done)
     print_words(message("written-next", path=str(out), what=message("name-calibration")))
@@ -174,7 +230,10 @@ def stability(
         _draw(plot, allan_charts(found), "Allan deviation")
     if as_json:
         plain = {
-            name: {key: value if isinstance(value, float) else value.tolist() for key, value in asdict(each).items()}
+            name: {
+                key: value if isinstance(value, float) else value.tolist()
+                for key, value in asdict(each).items()
+            }
             for name, each in found.items()
         }
         typer.echo(json.dumps(plain, indent=2))
@@ -194,14 +253,25 @@ def compare(
     from stepdiag.fourdof.commissioning import arms_of, compare_curves, parse_curves
     from stepdiag.head.view import arm_lines, comparison_charts, comparison_table
 
-    ours = parse_curves(read_text(measured[0]), measured[0].name) if measured[0].suffix.lower() == ".csv" else curves_of_logs(measured)
+    ours = (
+        parse_curves(read_text(measured[0]), measured[0].name)
+        if measured[0].suffix.lower() == ".csv"
+        else curves_of_logs(measured)
+    )
     found = compare_curves(ours, parse_curves(read_text(reference), reference.name))
     arms = arms_of(ours, found)
     if plot is not None:
         _draw(plot, comparison_charts(found), shown(message("sheet-head-reference")))
     if as_json:
-        figures: dict[str, object] = {name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}
-        typer.echo(json.dumps(figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}}, indent=2))
+        figures: dict[str, object] = {
+            name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms}
+            for name, one in found.items()
+        }
+        typer.echo(
+            json.dumps(
+                figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}}, indent=2
+            )
+        )
         return
     comparison_table(found)
     for line in arm_lines(arms):
@@ -229,7 +299,10 @@ def show(
     for line in finding_lines(measured.findings):
         typer.echo(line)
     if out is not None:
-        texts = {out / "straightness.csv": render_straightness(straight), out / "angles.csv": render_angles(measured.angles)}
+        texts = {
+            out / "straightness.csv": render_straightness(straight),
+            out / "angles.csv": render_angles(measured.angles),
+        }
         write_together({path: text.encode("utf-8") for path, text in texts.items()}, over=False)
         typer.echo(f"written: {', '.join(map(str, texts))}")
 
@@ -254,5 +327,9 @@ def _draw(path: Path, charts: list[str], title: str) -> None:
 
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError("--plot", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=path.name)
+        raise UsageError(
+            "--plot",
+            expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]),
+            found=path.name,
+        )
     write_atomically(path, sheet(charts, title, suffix, viewers_language()).encode("utf-8"))

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
 
 def say_granted(results: "Sequence[Result]") -> None:
-    """Print the sizes on which the uncertainties of results rest: once where they are the same, else each under its file's name."""
+    """Print the sizes on which the uncertainties of results rest: once where they are the same,
+    else each under its file's name."""
     from stepdiag.base.messages import message
     from stepdiag.base.result.basis import basis_of
     from stepdiag.terminal.viewer import shown
@@ -21,7 +22,9 @@ def say_granted(results: "Sequence[Result]") -> None:
         say = [granted[0]]
     else:
         say = [
-            shown(message("labelled", name=result.source, what=words or message("granted-unstated")))
+            shown(
+                message("labelled", name=result.source, what=words or message("granted-unstated"))
+            )
             for result, words in zip(results, granted, strict=True)
         ]
     for line in filter(None, say):

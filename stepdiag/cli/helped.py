@@ -1,4 +1,5 @@
-"""The help of every command and option in the reader's language: ``texts/help.toml``, by the names of command and option."""
+"""The help of every command and option in the reader's language: ``texts/help.toml``, by the names
+of command and option."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ def _fill(command: Any, name: str, texts: "Mapping[str, Mapping[str, str]]") -> 
     command.help = own.get("")
     for option in command.params:
         if option.name in own:
-            option.help = own[option.name].format(tables=", ".join(TABLES), programs=", ".join(PROGRAMS))
+            option.help = own[option.name].format(
+                tables=", ".join(TABLES), programs=", ".join(PROGRAMS)
+            )
     for inner, each in getattr(command, "commands", {}).items():
         _fill(each, f"{name} {inner}".strip(), texts)

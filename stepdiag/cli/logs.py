@@ -37,7 +37,9 @@ def info(log: Path, as_json: AsJson = False) -> None:
 
     must_be_there(log)
     found = log_info(log)
-    typer.echo(json.dumps(_as_json(found), indent=2, ensure_ascii=False) if as_json else _as_text(found))
+    typer.echo(
+        json.dumps(_as_json(found), indent=2, ensure_ascii=False) if as_json else _as_text(found)
+    )
 
 
 def recover(
@@ -51,7 +53,11 @@ def recover(
 
     must_be_there(log)
     done = mend(log, out)
-    typer.echo(json.dumps(_recovery_json(done), indent=2, ensure_ascii=False) if as_json else _recovery_text(done))
+    typer.echo(
+        json.dumps(_recovery_json(done), indent=2, ensure_ascii=False)
+        if as_json
+        else _recovery_text(done)
+    )
 
 
 def decode(
@@ -74,10 +80,17 @@ def decode(
     must_be_there(log)
     target = out or log.with_name(f"{log.name.partition('.')[0]}-{stream}.{to}")
     if target.exists():
-        raise UsageError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("name-with-out"))
+        raise UsageError(
+            str(target),
+            expected=message("new-file"),
+            found=message("one-exists"),
+            remedy=message("name-with-out"),
+        )
     source, chosen = open_log(log), cast("Stream", stream)
     with working(message("decoding")):
-        count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey)))
+        count = _written(
+            target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey))
+        )
     print_words(message("decoded-samples", path=str(target), count=count, stream=stream))
 
 
@@ -114,12 +127,20 @@ def _as_json(found: "LogInfo") -> dict[str, object]:
 
 def _as_text(found: "LogInfo") -> str:
     end = found.end
-    streams = [message("bytes-of", count=count, stream=stream) for stream, count in found.stream_bytes.items()]
+    streams = [
+        message("bytes-of", count=count, stream=stream)
+        for stream, count in found.stream_bytes.items()
+    ]
     state = message("log-whole", how=end.run_stop["exit_status"]) if end.whole else _damage(found)
     reason = f": {end.run_stop['reason']}" if end.run_stop.get("reason") else ""
     facts = [
         message("log-lasted", begin=_wall(found.begin_wall_ns), seconds=found.seconds),
-        message("log-holds", stops=found.stops, polls=found.polls, streams=streams or [message("nothing")]),
+        message(
+            "log-holds",
+            stops=found.stops,
+            polls=found.polls,
+            streams=streams or [message("nothing")],
+        ),
     ]
     if "recovered_from" in end.run_stop:
         facts.insert(0, message("mended-from", name=end.run_stop["recovered_from"]))
@@ -142,7 +163,12 @@ def _short(text: str) -> str:
 
 def _damage(found: "LogInfo") -> Message:
     end = found.end
-    return message("log-not-whole", why=end.damage or message("not-closed"), lost=end.lost_bytes, dropped=end.dropped_events)
+    return message(
+        "log-not-whole",
+        why=end.damage or message("not-closed"),
+        lost=end.lost_bytes,
+        dropped=end.dropped_events,
+    )
 
 
 def _recovery_json(done: "Recovery") -> dict[str, object]:
@@ -160,7 +186,13 @@ def _recovery_json(done: "Recovery") -> dict[str, object]:
 def _recovery_text(done: "Recovery") -> str:
     end = done.end
     kept = message("log-mended", path=str(done.target), events=end.events, messages=done.messages)
-    lost = message("log-lost", path=str(done.source), why=end.damage, lost=end.lost_bytes, dropped=end.dropped_events)
+    lost = message(
+        "log-lost",
+        path=str(done.source),
+        why=end.damage,
+        lost=end.lost_bytes,
+        dropped=end.dropped_events,
+    )
     return f"{shown(kept)}\n  {shown(lost)}"
 
 

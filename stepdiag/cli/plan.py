@@ -49,13 +49,18 @@ def plan(
             raise UsageError(name, expected=message("number-above-0"), found=f"{value:g}")
     survey = load_survey(file)
     folders = round_folders(survey.folder(file))
-    stops = [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
+    stops = (
+        [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
+    )
     about, last = known_before(file, survey, circumstances(survey, file.parent))
     advice = _advise(own_minutes(survey, stops), about, minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
     if last is not None:
-        print_words(message("known-before", folder=str(last), angles_urad=about.assumed.angles_urad), err=True)
+        print_words(
+            message("known-before", folder=str(last), angles_urad=about.assumed.angles_urad),
+            err=True,
+        )
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
@@ -72,25 +77,38 @@ def _print_foreseen(survey: "Survey") -> None:
     from stepdiag.daq.capture.remarks.unchecked import unchecked
     from stepdiag.terminal.tables import finding_lines
 
-    for line in finding_lines([*(unchecked(survey) if survey.plc.silent else ()), *hidden_waves(survey)]):
+    for line in finding_lines(
+        [*(unchecked(survey) if survey.plc.silent else ()), *hidden_waves(survey)]
+    ):
         typer.echo(line, err=True)
 
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:
-    """Write the advised survey into its file. Raises UsageError where nothing is advised, or the survey cannot hold it."""
+    """Write the advised survey into its file. Raises UsageError where nothing is advised, or the
+    survey cannot hold it."""
     from stepdiag.base.files import read_text, write_atomically
     from stepdiag.daq.survey.amended import with_plan
 
     chosen = advice.best if asked else advice.next
     if chosen is None:
-        raise UsageError("--apply", expected=message("better-survey"), found=message("none"), remedy=message("ask-with-others"))
+        raise UsageError(
+            "--apply",
+            expected=message("better-survey"),
+            found=message("none"),
+            remedy=message("ask-with-others"),
+        )
     section = _section(survey, chosen.plan)
     finer = chosen.plan.volume.increments
-    changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
+    changed = with_plan(
+        read_text(file), section, file.name, None if finer == survey.box.increments else finer
+    )
     write_atomically(file, changed.encode("utf-8"))
     setups = [run.setup for run in chosen.plan.runs]
     figures = {"repeats": section.repeats, "increments": finer}
-    print_words(message("plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s), err=True)
+    print_words(
+        message("plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s),
+        err=True,
+    )
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
@@ -103,7 +121,12 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
     from stepdiag.daq.survey.models import BeamOffset
 
     shifted = [run for run in plan.runs if any(run.beam_offset_mm)]
-    offsets = tuple(msgspec.convert({"setup": setup_of(run.setup).base, "offset_mm": run.beam_offset_mm}, BeamOffset) for run in shifted)
+    offsets = tuple(
+        msgspec.convert(
+            {"setup": setup_of(run.setup).base, "offset_mm": run.beam_offset_mm}, BeamOffset
+        )
+        for run in shifted
+    )
     return msgspec.structs.replace(
         survey.plan,
         setups=tuple(run.setup for run in plan.runs if run not in shifted),
@@ -115,7 +138,9 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
     )
 
 
-def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None) -> "Advice":
+def _advise(
+    plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None
+) -> "Advice":
     """Return the planner's advice."""
     from stepdiag.solver.planning.planner import plan as advise
     from stepdiag.terminal.progress import working
@@ -154,23 +179,36 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
     return {
         "increments": forecast.plan.volume.increments,
         "dwell_s": forecast.plan.pace.dwell_s,
-        "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm,
-                  "axis_orders": list(run.axis_orders), "targets": run.targets}
-                 for run in forecast.plan.runs],
+        "runs": [
+            {
+                "setup": run.setup,
+                "repeats": run.repeats,
+                "return_pass": run.return_pass,
+                "beam_offset_mm": run.beam_offset_mm,
+                "axis_orders": list(run.axis_orders),
+                "targets": run.targets,
+            }
+            for run in forecast.plan.runs
+        ],
         "minutes": forecast.minutes,
         "left_um": written(forecast.left_um),
-    }  # fmt: skip
+    }
 
 
 def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
-    """Return the slip that could hide in a diagonal in every second survey, from where on nearly none does, and what the first makes.
+    """Return the slip that could hide in a diagonal in every second survey, from where on nearly
+    none does, and what the first makes.
 
     Nothing of a plan without diagonals: there it is not worked out.
     """
     unseen = ahead.unseen
     if unseen is None:
         return {}
-    return {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": unseen.volume_um}
+    return {
+        "unseen_step_um": unseen.half_um,
+        "seen_step_um": unseen.nearly_um,
+        "unseen_step_volume_um": unseen.volume_um,
+    }
 
 
 def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:

@@ -29,13 +29,26 @@ def program(
     from stepdiag.exporters.files.sets import write_set
 
     programs, beside = programs_of(load_survey(file), controller, profile)
-    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
+    write_set(
+        out,
+        [
+            *(ControlFile(name=each.name, data=each.data, role="program") for each in programs),
+            *beside,
+        ],
+    )
     written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
     if as_json:
         import json
 
         typer.echo(
-            json.dumps({"controller": controller, "programs": written, "beside": [str(out / each.name) for each in beside]}, indent=2)
+            json.dumps(
+                {
+                    "controller": controller,
+                    "programs": written,
+                    "beside": [str(out / each.name) for each in beside],
+                },
+                indent=2,
+            )
         )
         return
     for each in written:

@@ -42,7 +42,13 @@ def proof(
     from stepdiag.daq.survey.file import load_survey
 
     survey = load_survey(file)
-    options = {"--controller": controller, "--loaded": loaded, "--profile": profile, "--minutes": minutes != MINUTES, "--out": out}
+    options = {
+        "--controller": controller,
+        "--loaded": loaded,
+        "--profile": profile,
+        "--minutes": minutes != MINUTES,
+        "--out": out,
+    }
     if survey.proof is not None:
         if given := [name for name, value in options.items() if value]:
             raise UsageError(
@@ -53,7 +59,9 @@ def proof(
         _judge(file, survey, as_json=as_json)
         return
     if not controller:
-        raise UsageError("--controller", expected=message("one-of", names=TABLES), found=message("none"))
+        raise UsageError(
+            "--controller", expected=message("one-of", names=TABLES), found=message("none")
+        )
     if not 0 < minutes < float("inf"):
         raise UsageError("--minutes", expected=message("number-above-0"), found=f"{minutes:g}")
     _plan(file, survey, controller, loaded, profile, minutes, out, as_json=as_json)
@@ -78,10 +86,20 @@ def _plan(
 
     found = standing_of(file).result
     if found is None:
-        raise UsageError(file.name, expected=message("expects-result"), found=message("none-yet"), remedy=message("complete-first"))
+        raise UsageError(
+            file.name,
+            expected=message("expects-result"),
+            found=message("none-yet"),
+            remedy=message("complete-first"),
+        )
     folder = loaded or found.parent / EXPORTS / controller
-    known = profile or next((file.parent / each.profile for each in survey.exports if each.controller == controller), None)
-    given = ProofFiles(survey=file, round=found.parent, loaded=folder, profile=known, controller=controller)
+    known = profile or next(
+        (file.parent / each.profile for each in survey.exports if each.controller == controller),
+        None,
+    )
+    given = ProofFiles(
+        survey=file, round=found.parent, loaded=folder, profile=known, controller=controller
+    )
     plan, text = planned(given, _acting(folder), minutes)
     target = file.with_name(f"{file.stem}-proof.toml")
     write_atomically(target, text.encode("utf-8"))
@@ -89,7 +107,9 @@ def _plan(
     if as_json:
         from dataclasses import asdict
 
-        typer.echo(json.dumps({**asdict(plan), "survey": str(target), "programs": programs}, indent=2))
+        typer.echo(
+            json.dumps({**asdict(plan), "survey": str(target), "programs": programs}, indent=2)
+        )
         return
     _print_plan(plan)
     print_words(message("proof-survey", path=str(target)))
@@ -115,14 +135,19 @@ def _programs(target: Path, controller: str, profile: Path | None, out: Path | N
     if out is None or controller not in PROGRAMS:
         return []
     made, beside = programs_of(load_survey(target), controller, profile)
-    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in made), *beside])
+    write_set(
+        out,
+        [*(ControlFile(name=each.name, data=each.data, role="program") for each in made), *beside],
+    )
     return [str(out / each.name) for each in made]
 
 
 def _print_plan(plan: "ProofPlan") -> None:
     from rich.console import Console
 
-    table = empty_table(message("table-proof", setups=plan.setups, repeats=plan.repeats, minutes=plan.minutes))
+    table = empty_table(
+        message("table-proof", setups=plan.setups, repeats=plan.repeats, minutes=plan.minutes)
+    )
     for each in plan.foreseen:
         table.add_row(each.function, f"{each.seen_um:.2f}", f"{each.expanded_um:.2f}")
     Console().print(table)
@@ -146,12 +171,20 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
             remedy=message("command-says", command=f"stepdiag status {file}"),
         )
     runs, files = read_bytes(found.parent / READINGS), read_bundle(file, survey)
-    held, verdict = loaded_in(survey, files), proof_of(survey, files, parse_readings(runs.decode("utf-8")))
+    held, verdict = (
+        loaded_in(survey, files),
+        proof_of(survey, files, parse_readings(runs.decode("utf-8"))),
+    )
     if held is None or verdict is None:
         return
     records = [record.as_toml() for record in sign_records(held, verdict, runs, _day(found))]
     if as_json:
-        typer.echo(json.dumps({"action": verdict.action, "tables": _tables_json(verdict), "sign_tests": records}, indent=2))
+        typer.echo(
+            json.dumps(
+                {"action": verdict.action, "tables": _tables_json(verdict), "sign_tests": records},
+                indent=2,
+            )
+        )
     else:
         for each in verdict.tables:
             typer.echo(shown(words_of(each)))

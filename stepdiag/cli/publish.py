@@ -1,4 +1,5 @@
-"""``stepdiag publish``: state, findings and result of a survey to other programs (extras ``stepdiag[mqtt]``, ``stepdiag[opcua]``)."""
+"""``stepdiag publish``: state, findings and result of a survey to other programs (extras
+``stepdiag[mqtt]``, ``stepdiag[opcua]``)."""
 
 import json
 from pathlib import Path
@@ -44,10 +45,17 @@ def publish(
         typer.echo(json.dumps(schemas(), indent=2))
         return
     if file is None or bool(broker) == bool(opcua):
-        found = message("no-survey-file") if file is None else message("both" if broker else "neither")
+        found = (
+            message("no-survey-file") if file is None else message("both" if broker else "neither")
+        )
         raise UsageError(
             "publish",
-            expected=message("survey-file-and", what=message("either-option", one="--broker HOST[:PORT]", other="--opcua ADDRESS[:PORT]")),
+            expected=message(
+                "survey-file-and",
+                what=message(
+                    "either-option", one="--broker HOST[:PORT]", other="--opcua ADDRESS[:PORT]"
+                ),
+            ),
             found=found,
         )
     with extra_needed("mqtt" if broker else "opcua"):
@@ -75,20 +83,37 @@ def publish(
     server.serve(watched, survey, at, every_s=every)
 
 
-def _broker(file: Path, address: str, ca: Path | None, user: str, password_file: str, *, plain: bool) -> "Broker":
+def _broker(
+    file: Path, address: str, ca: Path | None, user: str, password_file: str, *, plain: bool
+) -> "Broker":
     from stepdiag.daq.links.ports.address import require_host_and_port
     from stepdiag.publish.mqtt import Broker
 
     if plain and ca is not None:
-        raise UsageError("--plain", expected=message("either-option", one="--ca", other="--plain"), found=message("both"))
+        raise UsageError(
+            "--plain",
+            expected=message("either-option", one="--ca", other="--plain"),
+            found=message("both"),
+        )
     host, port = require_host_and_port("--broker", address, PORT if plain else SECURE_PORT)
-    known_user, password = _who(file, "mqtt", user, password_file, f"broker {host}", host, plain=plain)
-    return Broker(host=host, port=port, secure=not plain, authority=ca, user=known_user, password=password)
+    known_user, password = _who(
+        file, "mqtt", user, password_file, f"broker {host}", host, plain=plain
+    )
+    return Broker(
+        host=host, port=port, secure=not plain, authority=ca, user=known_user, password=password
+    )
 
 
 def _endpoint(
-    file: Path, address: str, certificate: Path | None, key: str, user: str, password_file: str, *, plain: bool
-) -> "Endpoint":  # fmt: skip
+    file: Path,
+    address: str,
+    certificate: Path | None,
+    key: str,
+    user: str,
+    password_file: str,
+    *,
+    plain: bool,
+) -> "Endpoint":
     from stepdiag.daq.links.ports.address import require_host_and_port
     from stepdiag.page.settings import secret_file
     from stepdiag.publish.opcua import Endpoint
@@ -97,20 +122,41 @@ def _endpoint(
     own_key = own_key if own_key is not None and own_key.is_file() else None
     complete = certificate is not None and own_key is not None
     if plain == complete or (plain and (certificate is not None or key)):
-        found = message("both") if plain else message("neither") if certificate is None and own_key is None else message("one-of-both")
+        found = (
+            message("both")
+            if plain
+            else message("neither")
+            if certificate is None and own_key is None
+            else message("one-of-both")
+        )
         raise UsageError(
             "--opcua",
-            expected=message("either-option", one=message("option-pair", one="--certificate", other="--key"), other="--plain"),
+            expected=message(
+                "either-option",
+                one=message("option-pair", one="--certificate", other="--key"),
+                other="--plain",
+            ),
             found=found,
         )
     host, port = require_host_and_port("--opcua", address, OPCUA_PORT)
-    known_user, password = _who(file, "opcua", user, password_file, f"OPC UA server {host}", host, plain=plain)
+    known_user, password = _who(
+        file, "opcua", user, password_file, f"OPC UA server {host}", host, plain=plain
+    )
     if known_user is not None and password is None:
         raise UsageError("--user", expected=message("password-for-user"), found=message("none"))
-    return Endpoint(host=host, port=port, certificate=certificate, key=None if plain else own_key, user=known_user, password=password)
+    return Endpoint(
+        host=host,
+        port=port,
+        certificate=certificate,
+        key=None if plain else own_key,
+        user=known_user,
+        password=password,
+    )
 
 
-def _who(file: Path, kind: str, user: str, password_file: str, whom: str, host: str, *, plain: bool) -> tuple[str | None, str | None]:
+def _who(
+    file: Path, kind: str, user: str, password_file: str, whom: str, host: str, *, plain: bool
+) -> tuple[str | None, str | None]:
     """Return user and password. Raises UsageError for a password without a user, and for a password
     that others could read on the way.
     """
@@ -120,9 +166,13 @@ def _who(file: Path, kind: str, user: str, password_file: str, whom: str, host: 
     password = secret(file, f"{kind}-password", password_file, "--password-file") or None
     if plain and password is not None and not is_loopback(host):
         remedy = message("without-plain-mqtt") if kind == "mqtt" else message("without-plain-opcua")
-        raise UsageError(whom, expected=message("encryption-for-password"), found="--plain", remedy=remedy)
+        raise UsageError(
+            whom, expected=message("encryption-for-password"), found="--plain", remedy=remedy
+        )
     if password is not None and known_user is None:
-        raise UsageError(whom, expected=message("user-for-password", kind=kind), found=message("none"))
+        raise UsageError(
+            whom, expected=message("user-for-password", kind=kind), found=message("none")
+        )
     return known_user, password
 
 
@@ -130,4 +180,8 @@ def _refuse(option: str, **given: object) -> None:
     """Raise UsageError for options that mean nothing beside another."""
     names = [f"--{name}" for name, value in given.items() if value]
     if names:
-        raise UsageError(option, expected=message("without-options", option=option, others=names), found=message("both"))
+        raise UsageError(
+            option,
+            expected=message("without-options", option=option, others=names),
+            found=message("both"),
+        )

@@ -27,8 +27,15 @@ def on_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-def asked(option: str, question: Words, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
-    """Return an answer: the option's, or the person's, who is asked until it can be understood; without a terminal the default."""
+def asked(
+    option: str,
+    question: Words,
+    given: str | None,
+    understood: Callable[[str], Any],
+    default: str | None = None,
+) -> Any:
+    """Return an answer: the option's, or the person's, who is asked until it can be understood;
+    without a terminal the default."""
     import click
 
     if given is not None:
@@ -36,7 +43,10 @@ def asked(option: str, question: Words, given: str | None, understood: Callable[
     if not on_terminal():
         if default is None:
             raise UsageError(
-                f"--{option}", expected=message("an-answer"), found=message("no-terminal"), remedy=message("option-answers", option=option)
+                f"--{option}",
+                expected=message("an-answer"),
+                found=message("no-terminal"),
+                remedy=message("option-answers", option=option),
             )
         return understood(default)
     while True:
@@ -45,11 +55,16 @@ def asked(option: str, question: Words, given: str | None, understood: Callable[
         except UsageError as refusal:
             print_words(refusal.message)
         except click.Abort as end:
-            raise UsageError("questions", expected=message("an-answer"), found=message("end-of-questions")) from end
+            raise UsageError(
+                "questions", expected=message("an-answer"), found=message("end-of-questions")
+            ) from end
 
 
-def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | None) -> "MachineClass":
-    """Return the class of the machine, its feedback and the pitch of its screws, which is not asked for scales."""
+def machine_class_asked(
+    name: str | None, feedback: str | None, pitch_mm: str | None
+) -> "MachineClass":
+    """Return the class of the machine, its feedback and the pitch of its screws, which is not asked
+    for scales."""
     from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
     from stepdiag.daq.survey.composed import MachineClass
 
@@ -58,8 +73,20 @@ def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | 
             numbers = {"repeats_um": sizes["repeatability_um"], "angles_urad": sizes["angles_urad"]}
             print_words(message("class-sizes", name=f"{each:<9}", what=_WORDS[each], **numbers))
     usual = MachineClass()
-    chosen = asked("machine-class", message("ask-machine-class"), name, _one_of("machine-class", CLASSES), usual.name)
-    kind = asked("feedback", message("ask-feedback"), feedback, _one_of("feedback", FEEDBACKS), usual.feedback)
+    chosen = asked(
+        "machine-class",
+        message("ask-machine-class"),
+        name,
+        _one_of("machine-class", CLASSES),
+        usual.name,
+    )
+    kind = asked(
+        "feedback",
+        message("ask-feedback"),
+        feedback,
+        _one_of("feedback", FEEDBACKS),
+        usual.feedback,
+    )
     stated = f"{usual.pitch_mm:g}" if kind == "scale" and pitch_mm is None else pitch_mm
     pitch = asked("pitch-mm", message("ask-pitch-mm"), stated, _length, f"{usual.pitch_mm:g}")
     return MachineClass(name=chosen, feedback=kind, pitch_mm=pitch)
@@ -68,7 +95,9 @@ def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | 
 def _one_of(option: str, names: Any) -> Callable[[str], str]:
     def understood(text: str) -> str:
         if text not in names:
-            raise UsageError(option, expected=message("one-of", names=tuple(names)), found=repr(text))
+            raise UsageError(
+                option, expected=message("one-of", names=tuple(names)), found=repr(text)
+            )
         return text
 
     return understood

@@ -46,14 +46,24 @@ def report(
 
     chosen = language_named(language)
     if profile is not None and not files:
-        raise UsageError("--profile", expected=message("with-option", option=message("files-of-export")), found=message("none"))
+        raise UsageError(
+            "--profile",
+            expected=message("with-option", option=message("files-of-export")),
+            found=message("none"),
+        )
     found = read_result(result)
     if after is not None:
         _require_alike(found, read_result(after))
     made_of = ReportFiles(
-        result=result_file(result), files=files or (), profile=profile, left=None if after is None else result_file(after),
-        letterhead=letterhead, laboratory=laboratory, readings=readings, language=chosen,
-    )  # fmt: skip
+        result=result_file(result),
+        files=files or (),
+        profile=profile,
+        left=None if after is None else result_file(after),
+        letterhead=letterhead,
+        laboratory=laboratory,
+        readings=readings,
+        language=chosen,
+    )
     built = report_from(made_of)
     written = write_report(built, out, pdf=pdf)
     if as_json:
@@ -64,7 +74,8 @@ def report(
 
 
 def _require_alike(before: "Result", after: "Result") -> None:
-    """Raise ``DataError`` where the survey after loading is another machine's or of another volume."""
+    """Raise ``DataError`` where the survey after loading is another machine's or of another
+    volume."""
     from stepdiag.comparing.compare import require_alike, require_same_volume
 
     require_alike(before, after)
@@ -72,7 +83,8 @@ def _require_alike(before: "Result", after: "Result") -> None:
 
 
 def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
-    """Return what the survey after loading shows. Raises ``DataError`` where it is another machine's or of another volume."""
+    """Return what the survey after loading shows. Raises ``DataError`` where it is another
+    machine's or of another volume."""
     from stepdiag.conclusion import conclude
     from stepdiag.report.certificate import as_left
 
@@ -106,16 +118,32 @@ def read_result(path: Path, name: str = "") -> "Result":
     file = result_file(path)
     if path.is_dir() and not file.exists():
         remedy = message("command-says", command=shlex.join(["stepdiag", "status", str(path)]))
-        raise UsageError(str(path), expected=message("folder-with", what=RESULT), found=message("none"), remedy=remedy)
+        raise UsageError(
+            str(path),
+            expected=message("folder-with", what=RESULT),
+            found=message("none"),
+            remedy=remedy,
+        )
     if {".csv", ".mcap"} & set(path.suffixes):
-        remedy = message("command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT]))
-        raise UsageError(str(path), expected=message("result-in-file", name=RESULT), found=message("source-of-result"), remedy=remedy)
+        remedy = message(
+            "command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT])
+        )
+        raise UsageError(
+            str(path),
+            expected=message("result-in-file", name=RESULT),
+            found=message("source-of-result"),
+            remedy=remedy,
+        )
     return parse_result(read_text(file), name or file.name)
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """Return the files' names, and as they were given where two have one name: every survey's result is called result.json."""
-    return [path.name if len({other.name for other in paths}) == len(paths) else str(path) for path in paths]
+    """Return the files' names, and as they were given where two have one name: every survey's
+    result is called result.json."""
+    return [
+        path.name if len({other.name for other in paths}) == len(paths) else str(path)
+        for path in paths
+    ]
 
 
 def compare(
@@ -137,8 +165,16 @@ def compare(
     if len(results) < 2:
         raise UsageError("compare", expected=message("two-results"), found=str(len(results)))
     if profile is not None and not loaded:
-        raise UsageError("--profile", expected=message("with-option", option="--loaded"), found=message("no-files"))
-    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": language_named(language) != "en"}
+        raise UsageError(
+            "--profile",
+            expected=message("with-option", option="--loaded"),
+            found=message("no-files"),
+        )
+    page = {
+        "--letterhead": letterhead,
+        "--pdf": pdf,
+        "--language": language_named(language) != "en",
+    }
     if out is None and any(page.values()):
         raise UsageError(
             next(name for name, given in page.items() if given),
@@ -151,16 +187,30 @@ def compare(
     exported = [exported_in(read[0], loaded, profile)] if loaded else []
     left = _as_left(read[0], exported, read[-1]) if exported or out is not None else None
     if out is not None and left is not None:
-        _write_as_left(read[0], read[-1], left, exported, out, letterhead=letterhead, pdf=pdf, language=language)
+        _write_as_left(
+            read[0],
+            read[-1],
+            left,
+            exported,
+            out,
+            letterhead=letterhead,
+            pdf=pdf,
+            language=language,
+        )
     if as_json:
-        changes = [{**asdict(change), "difference": change.difference, "significant": change.significant} for change in comparison.changes]
+        changes = [
+            {**asdict(change), "difference": change.difference, "significant": change.significant}
+            for change in comparison.changes
+        ]
         volumetric = {
             "before_um": comparison.rms_before_um,
             "after_um": comparison.rms_after_um,
             "before": written(comparison.before),
             "after": written(comparison.after),
         }
-        beside = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
+        beside = (
+            {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
+        )
         document = {
             "results": [{"file": one.source, **which(one)} for one in read],
             "changes": changes,
@@ -176,19 +226,33 @@ def compare(
 
 
 def _write_as_left(
-    before: "Result", after: "Result", left: "AsLeft", exported: "list[Exported]", out: Path, *,
-    letterhead: Path | None, pdf: bool, language: str,
-) -> None:  # fmt: skip
+    before: "Result",
+    after: "Result",
+    left: "AsLeft",
+    exported: "list[Exported]",
+    out: Path,
+    *,
+    letterhead: Path | None,
+    pdf: bool,
+    language: str,
+) -> None:
     from stepdiag.report.as_left import build_as_left
     from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.output import write_report
 
     if out.suffix.lower() not in {".html", ".htm"}:
-        raise UsageError("--out", expected=message("file-named", endings=["*.html"]), found=str(out))
+        raise UsageError(
+            "--out", expected=message("file-named", endings=["*.html"]), found=str(out)
+        )
     page = build_as_left(
-        before, after, left, _concluded(before, exported), exported=exported, language=language_named(language),
+        before,
+        after,
+        left,
+        _concluded(before, exported),
+        exported=exported,
+        language=language_named(language),
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
-    )  # fmt: skip
+    )
     for path in write_report(page, out, pdf=pdf):
         print_words(message("as-left-written", path=str(path)), err=True)
 
@@ -211,7 +275,11 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
     words = catalogue("report", viewers_language())
     kept = words[{True: "left_kept", False: "left_broken", None: "left_unknown"}[left.kept]]
     predicted = None if concluded.reach is None else concluded.reach.rms_after
-    print_words(message("predicted-and-left", predicted=interval_words(predicted), left=interval_words(left.rms)))
+    print_words(
+        message(
+            "predicted-and-left", predicted=interval_words(predicted), left=interval_words(left.rms)
+        )
+    )
     typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
@@ -225,7 +293,14 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
     what = message("effect-of-volume") if comparison.common.solid else message("effect-of-axes")
-    print_words(message("before-then-after", what=what, before=comparison.before.words(), after=comparison.after.words()))
+    print_words(
+        message(
+            "before-then-after",
+            what=what,
+            before=comparison.before.words(),
+            after=comparison.after.words(),
+        )
+    )
     for each in (*comparison.remarks, message("changed-by-chance")):
         print_words(each)
     if trends:

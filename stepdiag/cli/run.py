@@ -35,7 +35,8 @@ def complete(
     readings: Annotated[bool, typer.Option("--readings")] = False,
     certificate: Annotated[bool, typer.Option("--certificate")] = False,
 ) -> None:
-    """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
+    """Solve a recorded survey, write result, controller files and report beside its logs (what
+    `run` starts)."""
     from stepdiag.daq.service.priority import lower_priority
 
     lower_priority()
@@ -54,16 +55,26 @@ def complete(
         if certificate:
             from stepdiag.cli.certificate import certify_folder
 
-            typer.echo(kept(message("certificate-written", name=certify_folder(folder).name)), err=True)
+            typer.echo(
+                kept(message("certificate-written", name=certify_folder(folder).name)), err=True
+            )
             return
         done = finish([folder], folder)
         write_completed_report(done)
-    refused = kept(joined([message("export-refused", control=name, why=why) for name, why in done.refusals.items()]))
+    refused = kept(
+        joined(
+            [
+                message("export-refused", control=name, why=why)
+                for name, why in done.refusals.items()
+            ]
+        )
+    )
     typer.echo(refused or done.folder, err=bool(refused))
 
 
 def pack(folder: Path, max_gb: float) -> None:
-    """Pack the oldest finished surveys of a folder until it is within its budget (what `run` starts)."""
+    """Pack the oldest finished surveys of a folder until it is within its budget (what `run`
+    starts)."""
     from stepdiag.daq.service.priority import lower_priority
 
     lower_priority()

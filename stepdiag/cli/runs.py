@@ -1,4 +1,5 @@
-"""Runs of other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of ``import``, and ``stepdiag rtl``."""
+"""Runs of other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of ``import``, and
+``stepdiag rtl``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 
 
 class Compared(NamedTuple):
-    """A straight diagonal: its name, targets, and the mean error along it as predicted and as measured, in um."""
+    """A straight diagonal: its name, targets, and the mean error along it as predicted and as
+    measured, in um."""
 
     diagonal: str
     target_mm: list[float]
@@ -48,24 +50,36 @@ def rtl(
     taken = parse_readings(read_text(readings), readings.name)
     setups = [setup for setup in LINEAR_RUNS if setup in taken.setup]
     if not setups:
-        raise DataError(str(readings), expected=message("linear-runs"), found=", ".join(sorted(set(taken.setup))))
+        raise DataError(
+            str(readings),
+            expected=message("linear-runs"),
+            found=", ".join(sorted(set(taken.setup))),
+        )
     texts = {"Machine": machine} if machine else {}
     refuse_file_name(out)
-    rendered = {out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8") for setup in setups}
+    rendered = {
+        out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8") for setup in setups
+    }
     write_together(rendered, over=False)
     for path in rendered:
         typer.echo(str(path))
 
 
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
-    """Return readings with the runs of these files added. Raises DataError or UsageError for a file that is wrong or has no place."""
+    """Return readings with the runs of these files added. Raises DataError or UsageError for a file
+    that is wrong or has no place."""
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.rtl import parse_rtl, rtl_readings, with_runs
 
     found = []
     for option in runs:
         setup, path, at_mm = _placed(option)
-        rows, name = rtl_readings(parse_rtl(read_text(path), path.name), setup, at_mm or readings.position_mm.min(axis=0), path.name)
+        rows, name = rtl_readings(
+            parse_rtl(read_text(path), path.name),
+            setup,
+            at_mm or readings.position_mm.min(axis=0),
+            path.name,
+        )
         found.append((name, rows))
     return with_runs(readings, found, source)
 
@@ -90,13 +104,19 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
         diagonal, separator, name = option.partition("=")
         if not separator:
             raise UsageError(
-                "--diagonal", expected=message("such-as", what=message("diagonal-file"), example="ppp=d1.rtl"), found=repr(option)
+                "--diagonal",
+                expected=message("such-as", what=message("diagonal-file"), example="ppp=d1.rtl"),
+                found=repr(option),
             )
         file = parse_rtl(read_text(Path(name)), name)
         order = np.argsort(file.targets_mm)
         target, measured = file.targets_mm[order], file.deviations_um.mean(axis=0)[order]
         predicted = along_diagonal_um(result, diagonal, target)
-        found.append(Compared(diagonal, target.tolist(), predicted.tolist(), (measured - measured[0]).tolist()))
+        found.append(
+            Compared(
+                diagonal, target.tolist(), predicted.tolist(), (measured - measured[0]).tolist()
+            )
+        )
     return found
 
 
@@ -104,12 +124,15 @@ def print_compared(each: Compared) -> None:
     """Show one diagonal on a terminal."""
     print_words(message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um))
     typer.echo("  target_mm  predicted_um  measured_um")
-    for target, predicted, measured in zip(each.target_mm, each.predicted_um, each.measured_um, strict=True):
+    for target, predicted, measured in zip(
+        each.target_mm, each.predicted_um, each.measured_um, strict=True
+    ):
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
 
 
 def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
-    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where absent. Raises UsageError."""
+    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where
+    absent. Raises UsageError."""
     from stepdiag.base.names import LINEAR_RUNS
 
     rest, at, place = option.rpartition("@")
@@ -119,7 +142,9 @@ def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
     if not separator:
         setup, name = "", rest
     if (setup or where != "--run") and setup not in LINEAR_RUNS:
-        raise UsageError(where, expected=message("before-equals", names=LINEAR_RUNS), found=repr(setup))
+        raise UsageError(
+            where, expected=message("before-equals", names=LINEAR_RUNS), found=repr(setup)
+        )
     try:
         at_mm = [float(part or "nan") for part in place.split(",")] if place else []
     except ValueError:
@@ -131,19 +156,28 @@ def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
 
 
 def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> None:
-    """Write readings, angles and straightness of tables (linear-x=FILE[@X,Y,Z]) into a folder. Raises DataError or UsageError."""
+    """Write readings, angles and straightness of tables (linear-x=FILE[@X,Y,Z]) into a folder.
+    Raises DataError or UsageError."""
     import numpy as np
 
     from stepdiag.base.files import hashed, read_text, write_together
     from stepdiag.base.readings.readings import render_readings
-    from stepdiag.fourdof.tables import angles_of, columns_named, parse_run, readings_of, straightness_of
+    from stepdiag.fourdof.tables import (
+        angles_of,
+        columns_named,
+        parse_run,
+        readings_of,
+        straightness_of,
+    )
     from stepdiag.solver.model.angles import render_angles
     from stepdiag.solver.model.straightness_file import render_straightness
 
     named = columns_named(columns)
     placed = [_placed(table, "TABLES") for table in tables]
     runs = [parse_run(read_text(path), setup, named, path.name) for setup, path, _ in placed]
-    readings = readings_of(runs, named, [np.array(at_mm or [0.0, 0.0, 0.0]) for _, _, at_mm in placed])
+    readings = readings_of(
+        runs, named, [np.array(at_mm or [0.0, 0.0, 0.0]) for _, _, at_mm in placed]
+    )
     angles, straightness = angles_of(runs, named), straightness_of(runs, named)
     texts = {
         "readings.csv": render_readings(readings) if readings is not None else "",

@@ -31,10 +31,19 @@ def install(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None
     _show(steps, texts=dry_run)
     if not dry_run:
         carry_out(steps)
-        shows = any(f"stepdiag-page@{file.stem}.socket" in str(step.path) for step in steps if step.does != "remove")
-        reload = "systemd-sysusers && systemctl restart systemd-modules-load && udevadm control --reload && systemctl daemon-reload"
+        shows = any(
+            f"stepdiag-page@{file.stem}.socket" in str(step.path)
+            for step in steps
+            if step.does != "remove"
+        )
+        reload = (
+            "systemd-sysusers && systemctl restart systemd-modules-load && udevadm control "
+            "--reload && systemctl daemon-reload"
+        )
         enabled = f"stepdiag@{file.stem}" + f" stepdiag-page@{file.stem}.socket" * shows
-        print_words(message("next-command", command=f"{reload} && systemctl enable --now {enabled}"))
+        print_words(
+            message("next-command", command=f"{reload} && systemctl enable --now {enabled}")
+        )
 
 
 def publish(
@@ -57,22 +66,33 @@ def publish(
     if not end and bool(broker) == bool(opcua):
         raise UsageError(
             "service publish",
-            expected=message("either-option", one="--broker HOST[:PORT]", other="--opcua ADDRESS[:PORT]"),
+            expected=message(
+                "either-option", one="--broker HOST[:PORT]", other="--opcua ADDRESS[:PORT]"
+            ),
             found=message("both" if broker else "neither"),
         )
     port = OPCUA_PORT if opcua else PORT if plain else SECURE_PORT
-    publication = Publication(broker=broker, opcua=opcua, port=port, ca=ca, certificate=certificate, plain=plain)
+    publication = Publication(
+        broker=broker, opcua=opcua, port=port, ca=ca, certificate=certificate, plain=plain
+    )
     steps = plan_end(file, root) if end else plan_publication(file, root, publication)
     _show(steps, texts=dry_run and not end)
     for each, found in ({} if end else credentials(file.stem, file.parent, publication)).items():
         print_words(
-            message("credential", name=each, file=f"{file.stem}.{each}", state=message("credential-found" if found else "left-out-alone"))
+            message(
+                "credential",
+                name=each,
+                file=f"{file.stem}.{each}",
+                state=message("credential-found" if found else "left-out-alone"),
+            )
         )
     if not dry_run:
         carry_out(steps)
         print_words(
             message(
-                "next-command", command="systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end)
+                "next-command",
+                command="systemctl daemon-reload"
+                + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end),
             )
         )
 

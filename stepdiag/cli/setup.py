@@ -52,7 +52,11 @@ def setup(
     if not 1.0 <= seconds < float("inf"):
         raise UsageError(
             "--seconds",
-            expected=message("number-limited", kind=message("a-number"), limits=[message("limit-or-more", limit=1)]),
+            expected=message(
+                "number-limited",
+                kind=message("a-number"),
+                limits=[message("limit-or-more", limit=1)],
+            ),
             found=f"{seconds:g}",
         )
     refuse_existing(file)
@@ -66,9 +70,17 @@ def setup(
         machine=named,
         size_mm=size_mm,
         origin_mm=asked("origin", message("ask-origin"), origin, _three, "0 0 0"),
-        increments=asked("increments", message("ask-increments"), increments, _whole, str(increments_for(size_mm, usual.pitch_mm))),
+        increments=asked(
+            "increments",
+            message("ask-increments"),
+            increments,
+            _whole,
+            str(increments_for(size_mm, usual.pitch_mm)),
+        ),
         chain=asked("chain", message("ask-chain"), chain, _chain, "FXYZ"),
-        compensation=asked("compensation", message("ask-compensation"), compensation, _switched, "?"),
+        compensation=asked(
+            "compensation", message("ask-compensation"), compensation, _switched, "?"
+        ),
         laser_port=line,
         laser_format=form,
         baud=rate,
@@ -76,7 +88,7 @@ def setup(
         control=found_control,
         host=found_host,
         tcp_port=found_port,
-    )  # fmt: skip
+    )
     text = composed(answers, file.name)
     well = _shown(text, file.name, seconds)
     write_new(file, text)
@@ -94,7 +106,9 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
         for number, each in enumerate(seen, start=1):
             typer.echo(f"  {number}  {each.name}  {each.words}")
         known = {str(number): each.name for number, each in enumerate(seen, start=1)}
-        port = asked("laser-port", message("ask-laser-port"), None, lambda text: known.get(text, _port(text)))
+        port = asked(
+            "laser-port", message("ask-laser-port"), None, lambda text: known.get(text, _port(text))
+        )
     port = _port(port)
     if form is not None:
         return port, _format(form), baud
@@ -102,11 +116,22 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
     if heard.trouble:
         raise DeviceError("laser", expected=message("audible-port"), found=heard.trouble)
     if heard.format in _FORMATS:
-        print_words(message("it-is", name=heard.format if port.startswith("socket://") else f"{heard.format}, {heard.baud} baud"))
+        print_words(
+            message(
+                "it-is",
+                name=heard.format
+                if port.startswith("socket://")
+                else f"{heard.format}, {heard.baud} baud",
+            )
+        )
         return port, heard.format, heard.baud
     begins = heard.data[:SHOWN_BYTES].hex(" ") or message("silence")
     print_words(message("nothing-known", what=begins, remedy=message("own-formats")))
-    return port, asked("laser-format", message("ask-laser-format", names=_FORMATS), None, _format), baud
+    return (
+        port,
+        asked("laser-format", message("ask-laser-format", names=_FORMATS), None, _format),
+        baud,
+    )
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
@@ -125,18 +150,32 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     answered, port = _probed(control, host, port)
     if control is not None:
         return control, host, port
-    return asked("control", message("ask-control", names=(*CONTROLS, "none")), None, _known_control, _likely(answered)), host, port
+    return (
+        asked(
+            "control",
+            message("ask-control", names=(*CONTROLS, "none")),
+            None,
+            _known_control,
+            _likely(answered),
+        ),
+        host,
+        port,
+    )
 
 
 def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], int]":
-    """Return who answers, and at which port: where nothing answers at the usual ones, the port is asked for."""
+    """Return who answers, and at which port: where nothing answers at the usual ones, the port is
+    asked for."""
     from stepdiag.checking.hearing import PROBED, probe
 
     controls = PROBED if control is None else (control,)
     spoken = ("Modbus", "S7", "LSV2") if control is None else (control,)
     while True:
         place = f"{host}:{port}" if port else host
-        answered = _while_saying(message("asking-over", place=place, names=spoken), lambda at=port: probe(host, at, controls))  # type: ignore[misc]
+        answered = _while_saying(
+            message("asking-over", place=place, names=spoken),
+            lambda at=port: probe(host, at, controls),  # type: ignore[misc]
+        )
         for each in answered:
             typer.echo(f"  {each.control}: {each.words}")
         if _likely(answered) is not None:
@@ -148,7 +187,8 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
 
 
 def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Return what the work gives. The questions come once the loop runs: who answers them with Ctrl-C ends it in good order."""
+    """Return what the work gives. The questions come once the loop runs: who answers them with
+    Ctrl-C ends it in good order."""
     import asyncio
 
     async def asked_and_done() -> T:
@@ -178,7 +218,11 @@ def _shown(text: str, source: str, seconds: float) -> bool:
 
 
 def _next(answers: "Answers", file: Path) -> Message:
-    return message("check-answer-plan", name=str(file)) if answers.compensation == "?" else message("check-then-plan", name=str(file))
+    return (
+        message("check-answer-plan", name=str(file))
+        if answers.compensation == "?"
+        else message("check-then-plan", name=str(file))
+    )
 
 
 def _name(file: Path) -> str:
@@ -203,7 +247,12 @@ def _port(text: str) -> str:
 def _format(text: str) -> str:
     if text not in _FORMATS:
         remedy = message("own-formats")
-        raise UsageError("laser-format", expected=message("one-of", names=_FORMATS), found=repr(text), remedy=remedy)
+        raise UsageError(
+            "laser-format",
+            expected=message("one-of", names=_FORMATS),
+            found=repr(text),
+            remedy=remedy,
+        )
     return text
 
 
@@ -211,7 +260,9 @@ def _known_control(text: str, where: str = "control") -> str:
     from stepdiag.daq.survey.controls import CONTROLS
 
     if text not in (*CONTROLS, "none"):
-        raise UsageError(where, expected=message("one-of", names=(*CONTROLS, "none")), found=repr(text))
+        raise UsageError(
+            where, expected=message("one-of", names=(*CONTROLS, "none")), found=repr(text)
+        )
     return text
 
 
@@ -220,7 +271,9 @@ def _three(text: str) -> tuple[float, float, float]:
         x, y, z = (float(part) for part in text.replace(",", " ").split())
     except ValueError:
         raise UsageError(
-            "answer", expected=message("such-as", what=message("three-numbers"), example="500 400 300"), found=repr(text)
+            "answer",
+            expected=message("such-as", what=message("three-numbers"), example="500 400 300"),
+            found=repr(text),
         ) from None
     return x, y, z
 
@@ -241,12 +294,21 @@ def _tcp_port(text: str) -> int:
 
 def _chain(text: str) -> str:
     if sorted(text.upper()) != sorted("FXYZ"):
-        raise UsageError("chain", expected=message("such-as", what=message("chain-letters"), example="FXYZ"), found=repr(text))
+        raise UsageError(
+            "chain",
+            expected=message("such-as", what=message("chain-letters"), example="FXYZ"),
+            found=repr(text),
+        )
     return text
 
 
 def _switched(text: str) -> str:
     if text not in ("off", "?"):
         remedy = message("compensation-on")
-        raise UsageError("compensation", expected=message("one-of", names=["off", "?"]), found=repr(text), remedy=remedy)
+        raise UsageError(
+            "compensation",
+            expected=message("one-of", names=["off", "?"]),
+            found=repr(text),
+            remedy=remedy,
+        )
     return text

@@ -47,13 +47,20 @@ def signtest(
     from stepdiag.exporters.safety.sign_evidence import known_um, record, require_sound, subject
     from stepdiag.exporters.safety.sign_test import bump, verdict
 
-    control, measured = controller_named(controller), None if result is None else read_result(result)
+    control, measured = (
+        controller_named(controller),
+        None if result is None else read_result(result),
+    )
     known = load_profile(profile, control, None if measured is None else measured.volume)
     test = bump(control, known, function)
     if out is not None and off is None and on is None and run is None:
         for name, given in (("--date", day is not None), ("--json", as_json)):
             if given:
-                raise UsageError(name, expected=message("with-option", option="--off FILE --on FILE (--run FILE)"), found="--out")
+                raise UsageError(
+                    name,
+                    expected=message("with-option", option="--off FILE --on FILE (--run FILE)"),
+                    found="--out",
+                )
         _write(test, out, controller, profile, result)
         return
     if out is not None:
@@ -66,11 +73,25 @@ def signtest(
     shown = verdict(test, driven.position_mm, driven.off_um, driven.on_um)
     when = (day or datetime.now(tz=UTC)).date()
     if as_json:
-        facts = {"kind": shown.kind, "date": f"{when}", "sense": shown.sense, "moved_um": shown.moved_um, "text": shown.text}
+        facts = {
+            "kind": shown.kind,
+            "date": f"{when}",
+            "sense": shown.sense,
+            "moved_um": shown.moved_um,
+            "text": shown.text,
+        }
         typer.echo(json.dumps(facts, indent=2))
         return
-    kept = record(test, shown, subject(controller, known), when, read_given([each for each in (off, on, run) if each is not None]))
-    print_words(message("bump-expected", expected_um=test.expected_um, top_mm=test.top_mm, what=shown.words))
+    kept = record(
+        test,
+        shown,
+        subject(controller, known),
+        when,
+        read_given([each for each in (off, on, run) if each is not None]),
+    )
+    print_words(
+        message("bump-expected", expected_um=test.expected_um, top_mm=test.top_mm, what=shown.words)
+    )
     typer.echo("")
     print_words(message("append-to", name=str(profile)))
     typer.echo(f"\n{kept.as_toml()}")
@@ -83,7 +104,9 @@ def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
-    note = ControlFile(name=NOTE, data=_steps(test, controller, profile, result).encode(), role="note")
+    note = ControlFile(
+        name=NOTE, data=_steps(test, controller, profile, result).encode(), role="note"
+    )
     write_set(out, [*test.files, *test.restore, note])
     for file in (*test.files, *test.restore, note):
         typer.echo(str(out / file.name))
@@ -95,7 +118,11 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
 
     moving, measured = test.function[2], test.function[1]
     along = moving == measured
-    decisive = [test.reference_mm, test.top_mm, *([] if test.beyond_mm is None else [test.beyond_mm])]
+    decisive = [
+        test.reference_mm,
+        test.top_mm,
+        *([] if test.beyond_mm is None else [test.beyond_mm]),
+    ]
     drive = message(
         "bump-drive",
         laser=message("bump-laser" if along else "bump-dial", axis=measured),
@@ -103,7 +130,11 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
         places=[f"{at:g}" for at in decisive],
         fewest=FEWEST,
     )
-    aside = [] if test.lever is None else [message("bump-aside", axis=test.lever[0], at_mm=test.lever[1])]
+    aside = (
+        []
+        if test.lever is None
+        else [message("bump-aside", axis=test.lever[0], at_mm=test.lever[1])]
+    )
     ends = f" --result {'result.json' if result is None else result.name}"
     reading = "--off OFF.csv --on ON.csv" if along else "--run RUN.csv"
     steps: tuple[Words, ...] = (
@@ -111,13 +142,28 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
         message("bump-before", drive=drive),
         message("bump-load", files=[file.name for file in test.files if file.role != "note"]),
         message("bump-reference", at_mm=test.reference_mm),
-        message("bump-after", moving=moving, measured=measured, expected_um=test.expected_um, top_mm=test.top_mm),
+        message(
+            "bump-after",
+            moving=moving,
+            measured=measured,
+            expected_um=test.expected_um,
+            top_mm=test.top_mm,
+        ),
         message("bump-restore", files=[file.name for file in test.restore]),
         message("bump-readings" if along else "bump-run"),
-        f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} --function {test.function} {reading}",
+        (
+            f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} "
+            "--function "
+            f"{test.function} {reading}"
+        ),
     )
     title = shown(message("bump-title", function=test.function, controller=controller))
-    return "\n".join([title, *(f"{number}. {shown(step)}" for number, step in enumerate(steps, start=1))]) + "\n"
+    return (
+        "\n".join(
+            [title, *(f"{number}. {shown(step)}" for number, step in enumerate(steps, start=1))]
+        )
+        + "\n"
+    )
 
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
@@ -129,7 +175,11 @@ def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "
     if run is not None and off is None and on is None:
         return read_sign_run(read_given([run])[0])
     if off is None or on is None or run is not None:
-        raise UsageError("signtest", expected=message("bump-or-verdict"), found=message("neither" if run is None else "both"))
+        raise UsageError(
+            "signtest",
+            expected=message("bump-or-verdict"),
+            found=message("neither" if run is None else "both"),
+        )
     moving, measured = test.function[2], test.function[1]
     if moving != measured:
         found = message("option-pair", one="--off", other="--on")

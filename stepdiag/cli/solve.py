@@ -62,30 +62,49 @@ def solve(
     handed = active_files(active)
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
         if environment is not None:
-            raise UsageError("--environment", expected=message("logs-not-readings"), found=sources[0].name)
+            raise UsageError(
+                "--environment", expected=message("logs-not-readings"), found=sources[0].name
+            )
         if uncertainty is not None and method in CLOSED:
             raise UsageError("--uncertainty", expected="--method estimate", found=method)
         _refuse_angles(angles, handed)
         if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
             raise UsageError(
                 "--monte-carlo",
-                expected=message("number-from-to", kind=message("whole-number"), low=1000, high=MOST_TRIALS),
+                expected=message(
+                    "number-from-to", kind=message("whole-number"), low=1000, high=MOST_TRIALS
+                ),
                 found=str(monte_carlo),
             )
         beside = Beside(
-            angles=angles, straightness=straightness, uncertainty=uncertainty, tolerance=tolerance,
+            angles=angles,
+            straightness=straightness,
+            uncertainty=uncertainty,
+            tolerance=tolerance,
             runs=tuple(source_of("run", file) for file in files_of(run or ())),
             add=partial(with_files, runs=run, source=sources[0].name) if run else None,
-        )  # fmt: skip
-        result = solve_readings_file(sources[0], beside, method=method, chain=chain or CHAIN, monte_carlo=monte_carlo)
+        )
+        result = solve_readings_file(
+            sources[0], beside, method=method, chain=chain or CHAIN, monte_carlo=monte_carlo
+        )
     else:
         given = {
-            "--chain": chain, "--angles": angles, "--straightness": straightness,
-            "--uncertainty": uncertainty, "--tolerance": tolerance, "--monte-carlo": monte_carlo, "--run": run,
-        }  # fmt: skip
+            "--chain": chain,
+            "--angles": angles,
+            "--straightness": straightness,
+            "--uncertainty": uncertainty,
+            "--tolerance": tolerance,
+            "--monte-carlo": monte_carlo,
+            "--run": run,
+        }
         option = next((name for name, value in given.items() if value), None)
         if option is not None:
-            raise UsageError(option, expected=message("one-readings-file"), found=message("the-logs"), remedy=message("solve-readings"))
+            raise UsageError(
+                option,
+                expected=message("one-readings-file"),
+                found=message("the-logs"),
+                remedy=message("solve-readings"),
+            )
         result = _solve_logs(sources, method, environment)
     result = with_compensation(result, compensation, handed, active_date, active_source)
     if out is not None:
@@ -102,7 +121,8 @@ def solve(
 
 
 def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
-    """Return the conclusion of a result alone, as lines of a terminal; without ``verbose`` not what it rests on."""
+    """Return the conclusion of a result alone, as lines of a terminal; without ``verbose`` not what
+    it rests on."""
     from stepdiag.conclusion import conclude, conclusion_document
 
     document = conclusion_document(conclude(result))
@@ -124,7 +144,9 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
     found = left_out(active) if angles is not None else None
     if angles is not None and found is not None:
-        raise UsageError("--angles", expected=message("no-angles", why=found.words), found=angles.name)
+        raise UsageError(
+            "--angles", expected=message("no-angles", why=found.words), found=angles.name
+        )
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
@@ -141,7 +163,9 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
             raise UsageError(str(path), expected=message("readings-or-logs"), found=path.name)
     if environment is None:
         return solve_logs(replay_judged(paths), method)[0]
-    result = solve_logs(replay_judged(paths), method, parse_environment(read_text(environment), environment.name))[0]
+    result = solve_logs(
+        replay_judged(paths), method, parse_environment(read_text(environment), environment.name)
+    )[0]
     return replace(result, sources=(*(result.sources or ()), source_of("environment", environment)))
 
 

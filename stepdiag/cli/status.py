@@ -22,13 +22,17 @@ if TYPE_CHECKING:
 
 
 _STATES = {
-    "to-do": message("state-to-do"), "running": message("state-running"), "done": message("state-done"),
+    "to-do": message("state-to-do"),
+    "running": message("state-running"),
+    "done": message("state-done"),
     "again": message("state-again"),
-}  # fmt: skip
+}
 _LINKS = {
-    "connecting": message("link-connecting"), "connected": message("link-connected"), "silent": message("link-silent"),
+    "connecting": message("link-connecting"),
+    "connected": message("link-connected"),
+    "silent": message("link-silent"),
     "lost": message("link-gone"),
-}  # fmt: skip
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -67,12 +71,19 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "complete": found.complete,
         "result": None if found.result is None else str(found.result),
         "next_setup": found.next_setup,
-        "doubts": [{"place": doubt.place, **_plain(doubt), "text": str(doubt.words)} for doubt in found.doubts],
+        "doubts": [
+            {"place": doubt.place, **_plain(doubt), "text": str(doubt.words)}
+            for doubt in found.doubts
+        ],
         "unsolved": str(found.unsolved),
         "findings": [msgspec.to_builtins(each) for each in found.findings],
         "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
         "setups": [_plain(setup) for setup in found.setups],
-        "ahead": {"setup": found.ahead.setup, "further": found.ahead.further, "text": str(found.ahead.words)},
+        "ahead": {
+            "setup": found.ahead.setup,
+            "further": found.ahead.further,
+            "text": str(found.ahead.words),
+        },
         "live": _plain(found.live),
         "disk": str(found.disk),
         "logs": [asdict(log) | {"trouble": str(log.trouble)} for log in found.logs],
@@ -96,7 +107,17 @@ def _print(found: "Standing") -> None:
 
     where = message("nothing-recorded-yet") if found.round is None else str(found.round)
     recorder = message("recorder-records") if found.recording else message("no-recorder")
-    typer.echo(shown(message("status-survey", survey=found.survey, machine=found.machine, where=where, recorder=recorder)))
+    typer.echo(
+        shown(
+            message(
+                "status-survey",
+                survey=found.survey,
+                machine=found.machine,
+                where=where,
+                recorder=recorder,
+            )
+        )
+    )
     Console().print(_table(found))
     for line in (*_live(found), *_remarks(found), *_next(found), *_ahead(found)):
         typer.echo(shown(line))
@@ -105,12 +126,15 @@ def _print(found: "Standing") -> None:
 
 
 def _remarks(found: "Standing") -> "Iterator[Words]":
-    """Yield what a person has to see to: setups, clock, logs, disk, corrections, and a survey file that has changed."""
+    """Yield what a person has to see to: setups, clock, logs, disk, corrections, and a survey file
+    that has changed."""
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
             yield message("labelled", name=setup.name, what=words)
     yield from _undated(found)
-    yield from (message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble)
+    yield from (
+        message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble
+    )
     if found.disk:
         yield found.disk
     yield from (message("status-corrected", what=line) for line in found.corrections)
@@ -129,8 +153,19 @@ def _undated(found: "Standing") -> "list[Words]":
     from stepdiag.daq.passes.survey_time import CODE
 
     where = shlex.quote(str(found.round or found.folder))
-    unset = [each.finding.words for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
-    return [message("labelled", name=words, what=f"`stepdiag accept {where} {CODE} --begun TIME --reason ...`") for words in unset]
+    unset = [
+        each.finding.words
+        for each in found.findings
+        if (each.code, each.severity) == (CODE, "warning")
+    ]
+    return [
+        message(
+            "labelled",
+            name=words,
+            what=f"`stepdiag accept {where} {CODE} --begun TIME --reason ...`",
+        )
+        for words in unset
+    ]
 
 
 def _concluded(found: "Standing") -> list[str]:
@@ -167,13 +202,19 @@ def _live(found: "Standing") -> "list[Words]":
         message("link-air"): found.live.air,
     }
     lines: list[Words] = [
-        message("status-link", name=name, state=_LINKS[link.state], detail=link.detail or link.address)
+        message(
+            "status-link", name=name, state=_LINKS[link.state], detail=link.detail or link.address
+        )
         for name, link in links.items()
         if link is not None
     ]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.conditions.items())
     lines += [message("status-air", values=air)] if air else []
-    return [*lines, message("status-waits", what=found.live.waits_for), *([found.live.message] if found.live.message else [])]
+    return [
+        *lines,
+        message("status-waits", what=found.live.waits_for),
+        *([found.live.message] if found.live.message else []),
+    ]
 
 
 def _doubted(found: "Standing") -> "list[Words]":
@@ -186,8 +227,12 @@ def _doubted(found: "Standing") -> "list[Words]":
     named, lines = " ".join(str(setup.doubt) for setup in found.setups), list["Words"]()
     for place in places_of(found.doubts):
         here = [doubt.words for doubt in found.doubts if doubt.place == place]
-        lines += [words for words in dict.fromkeys(here) if str(words) not in named and words not in lines]
-        lines.append(message("status-accept", command=f"stepdiag accept {where} {place} --reason ..."))
+        lines += [
+            words for words in dict.fromkeys(here) if str(words) not in named and words not in lines
+        ]
+        lines.append(
+            message("status-accept", command=f"stepdiag accept {where} {place} --reason ...")
+        )
     return lines
 
 
@@ -200,7 +245,9 @@ def _still(found: "Standing") -> "list[Words]":
         if drive.from_stop:
             stops = message("stops-from", first=drive.from_stop, count=drive.stops)
         minutes = max(round(drive.minutes), 1)
-        line = message("status-pass", setup=drive.setup, number=drive.pass_number, stops=stops, minutes=minutes)
+        line = message(
+            "status-pass", setup=drive.setup, number=drive.pass_number, stops=stops, minutes=minutes
+        )
         lines.append(f"  {shown(line)}")
     return lines
 

@@ -38,9 +38,17 @@ def stream(
     if series.suffix.lower() == ".rtx":
         whole = parse_rtx(read_bytes(series, largest=LARGEST_SERIES_BYTES), unit, series.name)
     else:
-        whole = parse_csv_series(as_text(read_bytes(series, largest=LARGEST_SERIES_BYTES), series.name), unit, series.name)
+        whole = parse_csv_series(
+            as_text(read_bytes(series, largest=LARGEST_SERIES_BYTES), series.name),
+            unit,
+            series.name,
+        )
     seconds = len(whole.position_mm) / whole.rate_hz
-    at_s = series.stat().st_mtime - seconds if began is None else began.replace(tzinfo=began.tzinfo or UTC).timestamp()
+    at_s = (
+        series.stat().st_mtime - seconds
+        if began is None
+        else began.replace(tzinfo=began.tzinfo or UTC).timestamp()
+    )
     folder = known.folder(survey)
     lock = FolderLock.take(folder)
     try:
@@ -49,4 +57,13 @@ def stream(
         stops = record_series(known, text, begun, setup, whole.at_rate(rate_hz), at_s=at_s)
     finally:
         lock.release()
-    print_words(message("stream-taken", setup=setup, stops=len(stops), seconds=seconds, rate_hz=whole.rate_hz, path=str(survey)))
+    print_words(
+        message(
+            "stream-taken",
+            setup=setup,
+            stops=len(stops),
+            seconds=seconds,
+            rate_hz=whole.rate_hz,
+            path=str(survey),
+        )
+    )

@@ -51,17 +51,23 @@ def standing_of(result: Result) -> Standing:
     facts = result.survey or Facts()
     head = "head" if result.head_straightness else ""
     return Standing(
-        chain=result.chain, machine_serial=facts.machine_serial, lengths=basis_of(result).tables or "",
+        chain=result.chain,
+        machine_serial=facts.machine_serial,
+        lengths=basis_of(result).tables or "",
         compensation=facts.compensation or "",
-        instruments=", ".join(filter(None, (facts.instrument, facts.instrument_serial, facts.sensors, head))),
-        volume_mm=(*result.volume.origin_mm, *result.volume.size_mm), increments=result.volume.increments,
+        instruments=", ".join(
+            filter(None, (facts.instrument, facts.instrument_serial, facts.sensors, head))
+        ),
+        volume_mm=(*result.volume.origin_mm, *result.volume.size_mm),
+        increments=result.volume.increments,
         errors=tuple(sorted({each.code for each in result.findings if each.severity == "error"})),
         undated=any((each.code, each.severity) == (CLOCK, "warning") for each in result.findings),
-    )  # fmt: skip
+    )
 
 
 def apart(one: Standing, other: Standing) -> Message | None:
-    """Return why two results are of different things, as far as both state it; None where they can be held against each other."""
+    """Return why two results are of different things, as far as both state it; None where they can
+    be held against each other."""
     if _differ(one.machine_serial, other.machine_serial):
         return message("differs-serial", expected=one.machine_serial, found=other.machine_serial)
     if _differ(one.chain, other.chain):
@@ -95,7 +101,9 @@ def remarks(one: Standing, other: Standing) -> Iterator[Message]:
 def same_volume(one: Standing, other: Standing) -> bool:
     """Return whether two results cover the same volume."""
     sizes = [size for size in one.volume_mm[3:] if size > 0]
-    return bool(np.allclose(one.volume_mm, other.volume_mm, rtol=0.0, atol=ALMOST * min(sizes, default=1.0)))
+    return bool(
+        np.allclose(one.volume_mm, other.volume_mm, rtol=0.0, atol=ALMOST * min(sizes, default=1.0))
+    )
 
 
 def common_share(budget: Budget | None, name: str, *, same_instruments: bool) -> float:
@@ -106,4 +114,8 @@ def common_share(budget: Budget | None, name: str, *, same_instruments: bool) ->
         return 0.0
     sources = (*ALIKE, *OF_INSTRUMENTS) if same_instruments else ALIKE
     shares = budget.shares.get(name, {})
-    return min(float(np.linalg.norm([shares.get(source, 0.0) for source in sources])) / budget.combined[name], 1.0)
+    return min(
+        float(np.linalg.norm([shares.get(source, 0.0) for source in sources]))
+        / budget.combined[name],
+        1.0,
+    )

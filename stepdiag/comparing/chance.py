@@ -13,7 +13,8 @@ ERRS = 2 * (1 - NormalDist().cdf(2.0))
 chance of k = 2, 4.6 %.
 """
 EXCLUDED = 3.1
-"""A change so many standard uncertainties above its estimate is excluded but for one in a thousand."""
+"""A change so many standard uncertainties above its estimate is excluded but for one in a
+thousand."""
 DENIABLE = 3.0
 """A change up to so many U may hide behind "unchanged"; a larger one must not."""
 

@@ -87,7 +87,10 @@ def require_alike(before: Result, after: Result) -> None:
     why = apart(standing_of(before), standing_of(after))
     if why is not None:
         raise DataError(
-            after.source, expected=message("comparable-with", name=before.source), found=why, remedy=message("compare-one-machine")
+            after.source,
+            expected=message("comparable-with", name=before.source),
+            found=why,
+            remedy=message("compare-one-machine"),
         )
 
 
@@ -122,7 +125,10 @@ def require_same_volume(before: Result, after: Result) -> None:
         shown = [f"{origin} to {tuple(np.add(origin, size).tolist())} mm" for origin, size in boxes]
         remedy = message("same-volume-again")
         raise DataError(
-            f"{after.source}: volume", expected=message("as-in", value=shown[0], name=before.source), found=shown[1], remedy=remedy
+            f"{after.source}: volume",
+            expected=message("as-in", value=shown[0], name=before.source),
+            found=shown[1],
+            remedy=remedy,
         )
 
 
@@ -130,7 +136,11 @@ def _interval(result: Result, common: Volume) -> Interval:
     """Return the volumetric error as found: the result's own statement for its own volume, as in
     report and page; drawn again for another.
     """
-    if result.predicted is not None and common.origin_mm == result.volume.origin_mm and common.size_mm == result.volume.size_mm:
+    if (
+        result.predicted is not None
+        and common.origin_mm == result.volume.origin_mm
+        and common.size_mm == result.volume.size_mm
+    ):
         return reach_of(result.predicted).rms_before
     points = anywhere_mm(common)
     return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
@@ -138,7 +148,8 @@ def _interval(result: Result, common: Volume) -> Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Asked:
-    """A change, and the differences behind it (shapes (nodes,)): ``u`` as far as the surveys do not share it, and ``whole``."""
+    """A change, and the differences behind it (shapes (nodes,)): ``u`` as far as the surveys do not
+    share it, and ``whole``."""
 
     change: Change
     steps: Vector = field(default_factory=lambda: np.zeros(0))
@@ -155,11 +166,17 @@ def _judged(before: Result, after: Result) -> tuple[Change, ...]:
     each. Loading changes all of them, too.
     """
     asked = list(_changes(before, after))
-    steps, u, whole = (np.concatenate([getattr(each, name) for each in asked]) for name in ("steps", "u", "whole"))
+    steps, u, whole = (
+        np.concatenate([getattr(each, name) for each in asked]) for name in ("steps", "u", "whole")
+    )
     questions = int(np.count_nonzero(u > 0))
-    scattered = beyond(steps[u > 0], u[u > 0], whole[u > 0], sum(bool(np.any(each.u > 0)) for each in asked))
+    scattered = beyond(
+        steps[u > 0], u[u > 0], whole[u > 0], sum(bool(np.any(each.u > 0)) for each in asked)
+    )
     one, other = (standing_of(result).compensation for result in (before, after))
-    return tuple(_with_verdict(each, questions, 0.0 if one != other else scattered) for each in asked)
+    return tuple(
+        _with_verdict(each, questions, 0.0 if one != other else scattered) for each in asked
+    )
 
 
 def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
@@ -184,14 +201,18 @@ def _changes(before: Result, after: Result) -> Iterator[_Asked]:
         yield _number_change(name, q.unit, (q.value, q.u), (other.value, other.u), shares(name))
     for name, s in before.scale.items():
         found = after.scale[name]
-        yield _number_change(f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), shares(name))
+        yield _number_change(
+            f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), shares(name)
+        )
     for name in (*DISPLACEMENTS, *ROTATIONS):
         if name in before.errors and name in after.errors:
             yield _function_change(name, before.errors[name], after.errors[name], shares(name))
 
 
 def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> Shares:
-    first, second = (common_share(result.budget, name, same_instruments=same_instruments) for result in results)
+    first, second = (
+        common_share(result.budget, name, same_instruments=same_instruments) for result in results
+    )
     return first, second
 
 
@@ -210,7 +231,10 @@ def _number_change(name: str, unit: str, before: Known, after: Known, alike: Sha
     u = float(_u_of_difference(np.array(before[1]), np.array(after[1]), alike))
     change = Change(name=name, unit=unit, before=before[0], after=after[0], u=u)
     return _Asked(
-        change=change, steps=np.array([abs(after[0] - before[0])]), u=np.array([u]), whole=np.array([math.hypot(before[1], after[1])])
+        change=change,
+        steps=np.array([abs(after[0] - before[0])]),
+        u=np.array([u]),
+        whole=np.array([math.hypot(before[1], after[1])]),
     )
 
 
@@ -221,7 +245,9 @@ def _function_change(name: str, before: Function, after: Function, alike: Shares
     if before.value is None or after.value is None:
         return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
     nodes = _common_nodes(before, after)
-    shape = not (before.slope_identified and after.slope_identified) or _other_line(name, before, after)
+    shape = not (before.slope_identified and after.slope_identified) or _other_line(
+        name, before, after
+    )
     a = from_first(_at(before, before.value, nodes), nodes, shape=shape)
     b = from_first(_at(after, after.value, nodes), nodes, shape=shape)
     if before.u is None or after.u is None:
@@ -235,12 +261,22 @@ def _function_change(name: str, before: Function, after: Function, alike: Shares
     return _Asked(change=change, steps=np.abs(b - a), u=u, whole=whole, place=node)
 
 
-def _at_node(name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None) -> Change:
-    return Change(name=name, unit=unit, before=float(a[node]), after=float(b[node]), u=u, position_mm=float(nodes[node]))
+def _at_node(
+    name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None
+) -> Change:
+    return Change(
+        name=name,
+        unit=unit,
+        before=float(a[node]),
+        after=float(b[node]),
+        u=u,
+        position_mm=float(nodes[node]),
+    )
 
 
 def _other_line(name: str, before: Function, after: Function) -> bool:
-    """Return whether two straightnesses refer to different end points, so that only their shapes over the common range compare."""
+    """Return whether two straightnesses refer to different end points, so that only their shapes
+    over the common range compare."""
     same = np.allclose(before.position_mm[[0, -1]], after.position_mm[[0, -1]], atol=1e-6)
     return name in DISPLACEMENTS and name[1] != name[2] and not same
 
@@ -249,11 +285,18 @@ def _common_nodes(before: Function, after: Function) -> Vector:
     """Return the nodes of the coarser function that the other covers too: the coarser has no values
     between its nodes.
     """
-    coarse, fine = (before, after) if len(before.position_mm) <= len(after.position_mm) else (after, before)
+    coarse, fine = (
+        (before, after) if len(before.position_mm) <= len(after.position_mm) else (after, before)
+    )
     low, high = fine.position_mm[0] - 1e-6, fine.position_mm[-1] + 1e-6
     nodes: Vector = coarse.position_mm[(coarse.position_mm >= low) & (coarse.position_mm <= high)]
     if len(nodes) < 2:
-        raise DataError("errors", expected=message("common-range"), found=message("none"), remedy=message("compare-one-volume"))
+        raise DataError(
+            "errors",
+            expected=message("common-range"),
+            found=message("none"),
+            remedy=message("compare-one-volume"),
+        )
     return nodes
 
 
@@ -270,17 +313,31 @@ def _common_volume(results: Sequence[Result]) -> Volume:
     Raises ``DataError`` without a common box.
     """
     low = np.max([result.volume.origin_mm for result in results], axis=0)
-    high = np.min([np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0)
+    high = np.min(
+        [np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0
+    )
     travelled = np.all([result.volume.travelled for result in results], axis=0)
     if np.any((high <= low) & travelled) or not travelled.any():
-        raise DataError("volume", expected=message("overlapping-volumes"), found=message("none"), remedy=message("compare-one-machine"))
+        raise DataError(
+            "volume",
+            expected=message("overlapping-volumes"),
+            found=message("none"),
+            remedy=message("compare-one-machine"),
+        )
     x, y, z = low.tolist()
     a, b, c = np.where(travelled, high - low, 0.0).tolist()
-    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=min(result.volume.increments for result in results))
+    return Volume(
+        origin_mm=(x, y, z),
+        size_mm=(a, b, c),
+        increments=min(result.volume.increments for result in results),
+    )
 
 
 def _rms_um(result: Result, volume: Volume) -> float:
-    axes = [low + size * np.linspace(0.0, 1.0, GRID) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    axes = [
+        low + size * np.linspace(0.0, 1.0, GRID)
+        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
+    ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     errors = without_rigid_motion(volume, points, error_field_um(result, points))
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
@@ -288,7 +345,8 @@ def _rms_um(result: Result, volume: Volume) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """One quantity over many results, with its standard uncertainties; None where not identified."""
+    """One quantity over many results, with its standard uncertainties; None where not
+    identified."""
 
     name: str
     unit: str
@@ -297,19 +355,37 @@ class Trend:
 
 
 def trend(results: Sequence[Result]) -> tuple[Trend, ...]:
-    """Return squareness, scale, the range of each function and the volumetric error over many results, in the order given."""
+    """Return squareness, scale, the range of each function and the volumetric error over many
+    results, in the order given."""
     common = _common_volume(results)
     first = results[0]
-    found = [_trend(name, "urad", [(r.squareness[name].value, r.squareness[name].u) for r in results]) for name in first.squareness]
-    found += [_trend(f"scale {name}", "um/m", [(r.scale[name].value, r.scale[name].u) for r in results]) for name in first.scale]
+    found = [
+        _trend(name, "urad", [(r.squareness[name].value, r.squareness[name].u) for r in results])
+        for name in first.squareness
+    ]
+    found += [
+        _trend(f"scale {name}", "um/m", [(r.scale[name].value, r.scale[name].u) for r in results])
+        for name in first.scale
+    ]
     for name in DISPLACEMENTS:
-        found.append(_trend(f"range of {name}", "um", [_range(result.errors[name]) for result in results]))
-    found.append(_trend("volumetric error rms", "um", [(_rms_um(result, common), None) for result in results]))
+        found.append(
+            _trend(f"range of {name}", "um", [_range(result.errors[name]) for result in results])
+        )
+    found.append(
+        _trend(
+            "volumetric error rms", "um", [(_rms_um(result, common), None) for result in results]
+        )
+    )
     return tuple(found)
 
 
 def _trend(name: str, unit: str, known: Sequence[Known]) -> Trend:
-    return Trend(name=name, unit=unit, values=tuple(value for value, _ in known), u=tuple(u for _, u in known))
+    return Trend(
+        name=name,
+        unit=unit,
+        values=tuple(value for value, _ in known),
+        u=tuple(u for _, u in known),
+    )
 
 
 def _range(function: Function) -> Known:

@@ -11,8 +11,9 @@ The figures of a quantity at N nodes in T surveys are
 - ``u_own`` is widened by the scatter beyond U of the whole machine, up to `LARGEST_SCATTER` times
   u: the median of all differences between neighbouring surveys, less what ``u_own`` explains. A
   change moves a single difference of a quantity, not their median.
-- ``g_j`` are courses: known breaks (loaded tables) stand in every model; a step between two surveys, a line, a run-in
-  1 - exp(-t / tau), a season (sine and cosine of a year) are looked for. A slope goes on through breaks and steps.
+- ``g_j`` are courses: known breaks (loaded tables) stand in every model; a step between two
+  surveys, a line, a run-in 1 - exp(-t / tau), a season (sine and cosine of a year) are looked for.
+  A slope goes on through breaks and steps.
 
 A course is accepted if its likelihood gain (twice its logarithm, chi-squared) at its best node is
 beyond the largest chance gain of all questions put to the machine (`stepdiag.comparing.chance`):
@@ -80,7 +81,8 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calendar:
-    """The surveys of a machine: ``years`` since the first, where tables were loaded (``broken``), where an event is named (``named``)."""
+    """The surveys of a machine: ``years`` since the first, where tables were loaded (``broken``),
+    where an event is named (``named``)."""
 
     years: Array
     broken: Mask
@@ -94,15 +96,21 @@ class Calendar:
             return self
         places = np.flatnonzero(kept)
         behind = np.searchsorted(places, np.arange(len(kept)))
-        broken, named = (np.isin(np.arange(len(places)), behind[each]) for each in (self.broken, self.named))
-        return Calendar(years=self.years[places], broken=broken & (np.arange(len(places)) > 0), named=named)
+        broken, named = (
+            np.isin(np.arange(len(places)), behind[each]) for each in (self.broken, self.named)
+        )
+        return Calendar(
+            years=self.years[places], broken=broken & (np.arange(len(places)) > 0), named=named
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A course that was accepted. ``first`` and ``last``: the surveys between which it began; ``probability``: its share of the evidence.
+    """A course that was accepted. ``first`` and ``last``: the surveys between which it began;
+    ``probability``: its share of the evidence.
 
-    ``size`` and ``u`` (um, urad or um/m, a year for a line) hold at ``node``, where it stands out most.
+    ``size`` and ``u`` (um, urad or um/m, a year for a line) hold at ``node``, where it stands out
+    most.
     """
 
     kind: Kind
@@ -146,18 +154,26 @@ class _Candidates:
 
 
 def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
-    """Return by how many u the surveys of a machine scatter beyond what each has for itself, 0 to `LARGEST_SCATTER`."""
+    """Return by how many u the surveys of a machine scatter beyond what each has for itself, 0 to
+    `LARGEST_SCATTER`."""
     if not figures:
         return 0.0
-    values, own, u = (np.hstack([getattr(each, name) for each in figures]) for name in ("values", "u_own", "u"))
-    steps, expected, whole = np.abs(np.diff(values, axis=0)), np.hypot(own[1:], own[:-1]), np.hypot(u[1:], u[:-1])
+    values, own, u = (
+        np.hstack([getattr(each, name) for each in figures]) for name in ("values", "u_own", "u")
+    )
+    steps, expected, whole = (
+        np.abs(np.diff(values, axis=0)),
+        np.hypot(own[1:], own[:-1]),
+        np.hypot(u[1:], u[:-1]),
+    )
     usable = np.isfinite(steps) & (expected > 0) & (whole > 0) & ~calendar.broken[1:, None]
     independent = len(figures) * int(np.count_nonzero(usable.any(axis=1)))
     return beyond(steps[usable], expected[usable], whole[usable], independent)
 
 
 def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> float:
-    """Return by how many u differences scatter beyond their own standard uncertainty ``expected``; ``whole`` is that of all of u.
+    """Return by how many u differences scatter beyond their own standard uncertainty ``expected``;
+    ``whole`` is that of all of u.
 
     So many of the differences are ``independent``: nodes of one function go together.
     """
@@ -168,7 +184,9 @@ def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> flo
     if larger <= 1.0:
         return 0.0
     total = float(np.median(steps / whole)) / normal * (1 + 1 / math.sqrt(independent))
-    return min(math.sqrt(max(total**2 - float(np.median(expected / whole)) ** 2, 0.0)), LARGEST_SCATTER)
+    return min(
+        math.sqrt(max(total**2 - float(np.median(expected / whole)) ** 2, 0.0)), LARGEST_SCATTER
+    )
 
 
 def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]:
@@ -179,7 +197,11 @@ def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]
         together.setdefault(_kept(each).tobytes(), []).append(number)
     found: dict[int, Explained] = {}
     for numbers in together.values():
-        found |= zip(numbers, _explained([figures[number] for number in numbers], calendar, questions), strict=True)
+        found |= zip(
+            numbers,
+            _explained([figures[number] for number in numbers], calendar, questions),
+            strict=True,
+        )
     return [found[number] for number in range(len(figures))]
 
 
@@ -190,7 +212,9 @@ def _kept(figures: Figures) -> Mask:
     return kept
 
 
-def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -> Iterator[Explained]:
+def _explained(
+    figures: Sequence[Figures], calendar: Calendar, questions: int
+) -> Iterator[Explained]:
     """Yield the evolution of quantities of the same surveys: all are asked at once, then each with
     an answer by itself.
     """
@@ -203,7 +227,9 @@ def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -
     values = np.hstack([each.values[kept] for each in figures])
     with np.errstate(divide="ignore"):
         weights = np.hstack([each.u_own[kept] ** -2.0 for each in figures])
-    weights[:, ~np.isfinite(weights).all(axis=0)] = 0.0  # a node that is zero by definition has nothing to show
+    weights[:, ~np.isfinite(weights).all(axis=0)] = (
+        0.0  # a node that is zero by definition has nothing to show
+    )
     gains = _gains_beside_levels(values, weights, days, candidates)
     limits = _thresholds(candidates, days, questions)
     u = np.hstack([each.u[kept] for each in figures])
@@ -215,7 +241,9 @@ def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -
             yield Explained(verdict="undecided", courses=())
         else:
             search = _Search(values[:, mine], weights[:, mine], days, candidates, limits, questions)
-            worth = np.any(days.broken) or np.any(gains.gain[:, mine].max(axis=1, initial=0.0) > limits)
+            worth = np.any(days.broken) or np.any(
+                gains.gain[:, mine].max(axis=1, initial=0.0) > limits
+            )
             courses = search.courses(gains.of(mine), surveys) if worth else ()
             if courses:
                 yield Explained(verdict="changed", courses=courses)
@@ -226,7 +254,9 @@ def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -
 def _base(days: Calendar) -> Array:
     """Return the columns of every model: a level, and another from each known break on."""
     count = np.arange(len(days.years))
-    return np.column_stack([np.ones(len(count)), *(count >= at for at in np.flatnonzero(days.broken))]).astype(float)
+    return np.column_stack(
+        [np.ones(len(count)), *(count >= at for at in np.flatnonzero(days.broken))]
+    ).astype(float)
 
 
 def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Array:
@@ -235,7 +265,10 @@ def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Ar
     """
     events = int(np.count_nonzero(days.named[1:]))
     first = np.array(
-        [kind == "line" or (kind == "step" and days.named[at]) for kind, at in zip(candidates.kinds, candidates.places, strict=True)]
+        [
+            kind == "line" or (kind == "step" and days.named[at])
+            for kind, at in zip(candidates.kinds, candidates.places, strict=True)
+        ]
     )
     asked = np.where(first, 1 + events, len(candidates.kinds)) * questions * (2 if events else 1)
     chance = ERRS / np.maximum(asked, 1)
@@ -284,14 +317,18 @@ class _Search:
     questions: int
 
     def courses(self, gains: _Gains, surveys: NDArray[np.int64]) -> tuple[Course, ...]:
-        """Return the courses; ``gains`` beside the known breaks alone, ``surveys``: the numbers of the kept ones among all."""
+        """Return the courses; ``gains`` beside the known breaks alone, ``surveys``: the numbers of
+        the kept ones among all."""
         taken: list[_Taken] = []
         while len(taken) < MOST_COURSES and (following := self._next(gains)) is not None:
             taken.append(following)
             gains = _gains(self.values, self.weights, self._design(taken), self.candidates)
         if not taken and not np.any(self.days.broken):
             return ()
-        return tuple(_placed(course, surveys) for course in sorted(self._sized(taken), key=lambda course: course.at))
+        return tuple(
+            _placed(course, surveys)
+            for course in sorted(self._sized(taken), key=lambda course: course.at)
+        )
 
     def _design(self, taken: Sequence[_Taken]) -> Array:
         return np.column_stack([_base(self.days), *(self._columns(each.number) for each in taken)])
@@ -313,8 +350,12 @@ class _Search:
         share /= share.sum()
         for simple, others in (("step", ("line", "run-in", "season")), ("line", ("season",))):
             like, wider = kinds == simple, np.isin(kinds, others)
-            if share[wider].sum() < HELD * share[wider | like].sum() and np.any(np.isfinite(evidence[like])):
-                evidence[wider] = -np.inf  # at once or gradually: the interval of the step holds both
+            if share[wider].sum() < HELD * share[wider | like].sum() and np.any(
+                np.isfinite(evidence[like])
+            ):
+                evidence[
+                    wider
+                ] = -np.inf  # at once or gradually: the interval of the step holds both
         number = int(np.argmax(evidence))
         alike = np.where(kinds == kinds[number], share, 0.0)
         first, last = self._since(number, alike)
@@ -342,25 +383,50 @@ class _Search:
             node = _standing_out(sizes[row], u[row])
             if abs(sizes[row, node]) > limit * u[row, node]:
                 size, uncertainty = float(sizes[row, node]), float(u[row, node])
-                yield Course(kind="step", at=at, first=at - 1, last=at, node=node, size=size, u=uncertainty, probability=1.0, known=True)
+                yield Course(
+                    kind="step",
+                    at=at,
+                    first=at - 1,
+                    last=at,
+                    node=node,
+                    size=size,
+                    u=uncertainty,
+                    probability=1.0,
+                    known=True,
+                )
         row = 1 + len(breaks)
         for each in taken:
             kind = self.candidates.kinds[each.number]
             node = _standing_out(sizes[row], u[row])
-            size = math.hypot(*sizes[row : row + 2, node]) if kind == "season" else float(sizes[row, node])
+            size = (
+                math.hypot(*sizes[row : row + 2, node])
+                if kind == "season"
+                else float(sizes[row, node])
+            )
             yield Course(
-                kind=kind, at=int(self.candidates.places[each.number]), first=each.first, last=each.last, node=node, size=size,
-                u=float(u[row, node]), probability=each.probability,
-            )  # fmt: skip
+                kind=kind,
+                at=int(self.candidates.places[each.number]),
+                first=each.first,
+                last=each.last,
+                node=node,
+                size=size,
+                u=float(u[row, node]),
+                probability=each.probability,
+            )
             row += self._columns(each.number).shape[1]
 
 
 def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) -> Mask:
-    """Return at which steps and nodes a change of `DENIABLE` U is not excluded, shape (steps, nodes)."""
-    steps = np.array([number for number, kind in enumerate(candidates.kinds) if kind == "step"], dtype=np.int64)
+    """Return at which steps and nodes a change of `DENIABLE` U is not excluded, shape (steps,
+    nodes)."""
+    steps = np.array(
+        [number for number, kind in enumerate(candidates.kinds) if kind == "step"], dtype=np.int64
+    )
     at = candidates.places[steps]
     allowed = 2 * DENIABLE * np.hypot(u[at - 1], u[at])
-    found: Mask = np.any(weights, axis=0) & (np.abs(gains.size[steps]) + EXCLUDED * gains.u[steps] > allowed)
+    found: Mask = np.any(weights, axis=0) & (
+        np.abs(gains.size[steps]) + EXCLUDED * gains.u[steps] > allowed
+    )
     return found
 
 
@@ -376,26 +442,50 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
         mine = weights[inner]
         others = own.sum(axis=0) - mine
         usable = (mine > 0) & (others > 0)
-        middle = np.divide((own * values[level]).sum(axis=0) - mine * values[inner], others, out=np.zeros_like(mine), where=usable)
-        certain = np.sqrt(sum(np.divide(1.0, each, out=np.zeros_like(mine), where=usable) for each in (mine, others)))
+        middle = np.divide(
+            (own * values[level]).sum(axis=0) - mine * values[inner],
+            others,
+            out=np.zeros_like(mine),
+            where=usable,
+        )
+        certain = np.sqrt(
+            sum(
+                np.divide(1.0, each, out=np.zeros_like(mine), where=usable)
+                for each in (mine, others)
+            )
+        )
         allowed = 2 * DENIABLE * np.hypot(u[inner], u[level.start : inner.stop - 1])
-        found |= np.any(usable & (np.abs(values[inner] - middle) + EXCLUDED * certain > allowed), axis=0)
+        found |= np.any(
+            usable & (np.abs(values[inner] - middle) + EXCLUDED * certain > allowed), axis=0
+        )
     return found
 
 
 def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Explained:
-    """Return "unchanged" where no change hides, else how many further surveys would decide: none of them does of an earlier one alone."""
+    """Return "unchanged" where no change hides, else how many further surveys would decide: none of
+    them does of an earlier one alone."""
     if np.any(lone):
         return Explained(verdict="undecided", courses=())
     if not np.any(hidden):
         return Explained(verdict="unchanged" if len(hidden) else "undecided", courses=())
-    places = [at for at, kind in zip(search.candidates.places.tolist(), search.candidates.kinds, strict=True) if kind == "step"]
+    places = [
+        at
+        for at, kind in zip(search.candidates.places.tolist(), search.candidates.kinds, strict=True)
+        if kind == "step"
+    ]
     with np.errstate(divide="ignore"):
         own = search.weights**-0.5
     size = np.abs(gains.size[: len(places)])
-    further = [_surveys_to_decide(size[row, node], own[:, node], places[row], search.questions) for row, node in np.argwhere(hidden)]
+    further = [
+        _surveys_to_decide(size[row, node], own[:, node], places[row], search.questions)
+        for row, node in np.argwhere(hidden)
+    ]
     decided = [each for each in further if each is not None]
-    return Explained(verdict="undecided", courses=(), further=max(decided) if len(decided) == len(further) else None)
+    return Explained(
+        verdict="undecided",
+        courses=(),
+        further=max(decided) if len(decided) == len(further) else None,
+    )
 
 
 def _standing_out(sizes: Array, u: Array) -> int:
@@ -405,7 +495,12 @@ def _standing_out(sizes: Array, u: Array) -> int:
 
 def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> Course:
     """Return a course with other numbers for its surveys."""
-    return replace(course, at=int(numbers[course.at]), first=int(numbers[course.first]), last=int(numbers[course.last]))
+    return replace(
+        course,
+        at=int(numbers[course.at]),
+        first=int(numbers[course.first]),
+        last=int(numbers[course.last]),
+    )
 
 
 def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int | None:
@@ -422,7 +517,8 @@ def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int 
 
 
 def _candidates(calendar: Calendar) -> _Candidates:
-    """Return the courses that T surveys can show: steps from two on, a line from four, run-ins and seasons from six."""
+    """Return the courses that T surveys can show: steps from two on, a line from four, run-ins and
+    seasons from six."""
     years, count = calendar.years, len(calendar.years)
     kinds: list[Kind] = []
     columns: list[Array] = []
@@ -454,9 +550,11 @@ def _candidates(calendar: Calendar) -> _Candidates:
             places.append(0)
             prior.append(log_prior)
     return _Candidates(
-        columns=np.column_stack(columns) if columns else np.zeros((count, 0)), kinds=tuple(kinds),
-        places=np.array(places, dtype=np.int64), log_prior=np.array(prior),
-    )  # fmt: skip
+        columns=np.column_stack(columns) if columns else np.zeros((count, 0)),
+        kinds=tuple(kinds),
+        places=np.array(places, dtype=np.int64),
+        log_prior=np.array(prior),
+    )
 
 
 def waves_of(years: Array) -> tuple[Array, Array]:
@@ -464,8 +562,11 @@ def waves_of(years: Array) -> tuple[Array, Array]:
     return np.sin(2 * np.pi * years / SEASON_YEARS), np.cos(2 * np.pi * years / SEASON_YEARS)
 
 
-def _gains_beside_levels(values: Array, weights: Array, days: Calendar, candidates: _Candidates) -> _Gains:
-    """Return what each course comes to beside the levels between known breaks: sums alone, since a machine has thousands of these."""
+def _gains_beside_levels(
+    values: Array, weights: Array, days: Calendar, candidates: _Candidates
+) -> _Gains:
+    """Return what each course comes to beside the levels between known breaks: sums alone, since a
+    machine has thousands of these."""
     columns = candidates.columns
     pair = candidates.kinds.index("season") if "season" in candidates.kinds else None
     rest, norm = values.copy(), (columns**2).T @ weights
@@ -485,7 +586,9 @@ def _gains_beside_levels(values: Array, weights: Array, days: Calendar, candidat
         (a, b), (x, y) = norm[pair : pair + 2], along[pair : pair + 2]
         determinant = a * b - cross**2
         usable = determinant > TOO_ALIKE * a * b
-        both = np.divide(b * x**2 - 2 * cross * x * y + a * y**2, determinant, out=np.zeros_like(a), where=usable)
+        both = np.divide(
+            b * x**2 - 2 * cross * x * y + a * y**2, determinant, out=np.zeros_like(a), where=usable
+        )
         found.gain[pair], found.gain[pair + 1] = both, 0.0
     return found
 
@@ -497,14 +600,19 @@ def _base_levels(days: Calendar) -> list[slice]:
 
 
 def _gained(along: Array, norm: Array, total: Array) -> _Gains:
-    """Return the gains of columns from their products with what is left and with themselves; a column that the base holds gains nothing."""
+    """Return the gains of columns from their products with what is left and with themselves; a
+    column that the base holds gains nothing."""
     usable = norm > TOO_ALIKE * total
-    size, squared = (np.divide(one, norm, out=np.zeros_like(norm), where=usable) for one in (along, np.ones_like(norm)))
+    size, squared = (
+        np.divide(one, norm, out=np.zeros_like(norm), where=usable)
+        for one in (along, np.ones_like(norm))
+    )
     return _Gains(gain=along * size, size=size, u=np.sqrt(squared))
 
 
 def _gains(values: Array, weights: Array, base: Array, candidates: _Candidates) -> _Gains:
-    """Return what each course comes to beside the columns of ``base``; nothing for what the base holds already."""
+    """Return what each course comes to beside the columns of ``base``; nothing for what the base
+    holds already."""
     root = np.sqrt(weights).T[:, :, None]
     q, _ = np.linalg.qr(base * root)
     rest = values.T[:, :, None] * root
@@ -523,12 +631,15 @@ def _together(pair: Array, rest: Array) -> Array:
     """Return by how much two columns together lower chi-squared, shape (nodes,)."""
     products = pair.transpose(0, 2, 1) @ pair
     along = pair.transpose(0, 2, 1) @ rest
-    found: Array = np.einsum("nik,nij,njk->n", along, np.linalg.pinv(products, hermitian=True), along)
+    found: Array = np.einsum(
+        "nik,nij,njk->n", along, np.linalg.pinv(products, hermitian=True), along
+    )
     return found
 
 
 def fit(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
-    """Return the amounts of the columns of a design at every node, shape (columns, nodes), and their covariances, one matrix a node."""
+    """Return the amounts of the columns of a design at every node, shape (columns, nodes), and
+    their covariances, one matrix a node."""
     normal = np.einsum("ti,tn,tj->nij", design, weights, design)
     covariance: Array = np.linalg.pinv(normal, hermitian=True)
     amounts: Array = np.einsum("nij,tj,tn->in", covariance, design, weights * values)
@@ -536,6 +647,7 @@ def fit(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
 
 
 def _sized(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
-    """Return the amounts of the columns of a design at every node, and their standard uncertainties, shapes (columns, nodes)."""
+    """Return the amounts of the columns of a design at every node, and their standard
+    uncertainties, shapes (columns, nodes)."""
     amounts, covariance = fit(values, weights, design)
     return amounts, np.sqrt(np.einsum("nii->in", covariance))

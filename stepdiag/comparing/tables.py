@@ -27,8 +27,15 @@ def which(result: Result) -> dict[str, str]:
 
 def sources(results: Sequence[Result]) -> Text:
     """Return a line per result: its file, and its survey."""
-    of = [", ".join(which(one).values()) or shown(message("neither-machine-nor-time")) for one in results]
-    return Text("\n".join(printable(f"{one.source}: {words}") for one, words in zip(results, of, strict=True)))
+    of = [
+        ", ".join(which(one).values()) or shown(message("neither-machine-nor-time"))
+        for one in results
+    ]
+    return Text(
+        "\n".join(
+            printable(f"{one.source}: {words}") for one, words in zip(results, of, strict=True)
+        )
+    )
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
@@ -44,7 +51,10 @@ def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
 
 def _row(change: Change) -> tuple[str, ...]:
     expanded = None if change.u is None else 2 * change.u
-    numbers = (_shown(change.position_mm, 0), *(_shown(v) for v in (change.before, change.after, change.difference, expanded)))
+    numbers = (
+        _shown(change.position_mm, 0),
+        *(_shown(v) for v in (change.before, change.after, change.difference, expanded)),
+    )
     return change.name, *numbers, UNITS[change.unit], change.verdict or "-"
 
 
@@ -58,6 +68,9 @@ def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
     for name in names:
         table.add_column(Text(name), justify="right")
     for one in trends:
-        cells = [_shown(value) + ("" if u is None else f" ± {2 * u:.2f}") for value, u in zip(one.values, one.u, strict=True)]
+        cells = [
+            _shown(value) + ("" if u is None else f" ± {2 * u:.2f}")
+            for value, u in zip(one.values, one.u, strict=True)
+        ]
         table.add_row(one.name, UNITS[one.unit], *cells)
     return table

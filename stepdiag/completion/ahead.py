@@ -31,7 +31,8 @@ from stepdiag.solver.planning.sequel import Sequel, sequel, shown_by
 
 
 def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
-    """Return a survey, the folder of the round that is driven (None before the first), and what to drive after what is in.
+    """Return a survey, the folder of the round that is driven (None before the first), and what to
+    drive after what is in.
 
     Raises as `load_survey`, and DataError where the logs are of another survey file.
     """
@@ -42,7 +43,11 @@ def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
         return survey, None, sequel(survey.planned, about, ())
     replayed = replay_judged([rounds[-1]], file)
     plan = own_minutes(survey, replayed.stops)
-    return survey, rounds[-1], sequel(plan, about, done_in(survey, replayed.book), _readings(survey, replayed.book))
+    return (
+        survey,
+        rounds[-1],
+        sequel(plan, about, done_in(survey, replayed.book), _readings(survey, replayed.book)),
+    )
 
 
 def done_in(survey: Survey, book: PassBook) -> list[str]:
@@ -54,20 +59,28 @@ def done_in(survey: Survey, book: PassBook) -> list[str]:
 
 def _readings(survey: Survey, book: PassBook) -> Readings | None:
     done = done_in(survey, book)
-    passes = [each for each in book.passes if each.route.setup in done and each.number in book.wanted()]
+    passes = [
+        each for each in book.passes if each.route.setup in done and each.number in book.wanted()
+    ]
     return tabulate(survey, passes) if any(not setup_of(name).is_fourdof for name in done) else None
 
 
-def known_before(file: Path, survey: Survey, about: Circumstances) -> tuple[Circumstances, Path | None]:
-    """Return the circumstances with the sizes that the last finished survey of this machine shows, and its folder where they show the
-    angles: of those in folders beside this one and in the store. Raises UsageError for a store that is not there."""
+def known_before(
+    file: Path, survey: Survey, about: Circumstances
+) -> tuple[Circumstances, Path | None]:
+    """Return the circumstances with the sizes that the last finished survey of this machine shows,
+    and its folder where they show the angles: of those in folders beside this one and in the store.
+    Raises UsageError for a store that is not there."""
     found = dict[tuple[str, Path], tuple[Result, Readings]]()
     for path in (*survey.folder(file).parent.glob(f"*/*/{RESULT}"), *_archived(file, survey)):
         try:
             result = parse_result(read_text(path), path.name)
             if result.survey is not None and result.survey.machine == survey.identity.machine:
                 ended = result.survey.ended or result.survey.date
-                found[ended, path.parent] = result, parse_readings(read_text(path.with_name(READINGS)))
+                found[ended, path.parent] = (
+                    result,
+                    parse_readings(read_text(path.with_name(READINGS))),
+                )
         except (DataError, UsageError):
             continue
     if not found:
@@ -81,8 +94,16 @@ def known_before(file: Path, survey: Survey, about: Circumstances) -> tuple[Circ
 def _archived(file: Path, survey: Survey) -> Iterable[Path]:
     store = survey.identity.archive
     if store and not (file.parent / store).is_dir():
-        raise UsageError(f"{file.name}: survey.archive", expected=message("folder-with", what=message("finished-surveys")), found=store)
-    return (file.parent / store / machine_folder(survey.identity.machine)).glob(f"*/*/{RESULT}") if store else ()
+        raise UsageError(
+            f"{file.name}: survey.archive",
+            expected=message("folder-with", what=message("finished-surveys")),
+            found=store,
+        )
+    return (
+        (file.parent / store / machine_folder(survey.identity.machine)).glob(f"*/*/{RESULT}")
+        if store
+        else ()
+    )
 
 
 def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:
@@ -92,7 +113,15 @@ def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:
     if first is None or (ahead.end and first.setup not in planned):
         words, setup = message("ahead-end", most_um=ahead.at_most_um, now_um=ahead.now_um), ""
     elif ahead.end:
-        words, setup = message("ahead-end.planned", setup=first.setup, most_um=ahead.at_most_um, now_um=ahead.now_um), first.setup
+        words, setup = (
+            message(
+                "ahead-end.planned",
+                setup=first.setup,
+                most_um=ahead.at_most_um,
+                now_um=ahead.now_um,
+            ),
+            first.setup,
+        )
     else:
         words, setup = _next(ahead, survey), first.setup
     if ahead.angles_urad is not None:
@@ -102,17 +131,31 @@ def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:
 
 def _next(ahead: Sequel, survey: Survey) -> Message:
     first, *others = ahead.runs
-    line = message("ahead-planned", setup=first.setup) if first.setup in survey.plan.all_setups else _line(first)
+    line = (
+        message("ahead-planned", setup=first.setup)
+        if first.setup in survey.plan.all_setups
+        else _line(first)
+    )
     figures = {"now_um": ahead.now_um, "then_um": ahead.then_um, "minutes": ahead.minutes}
     if others:
-        return message("ahead-next.with", line=line, others=[run.setup for run in others], **figures)
+        return message(
+            "ahead-next.with", line=line, others=[run.setup for run in others], **figures
+        )
     return message("ahead-next", line=line, **figures)
 
 
 def _line(run: Run) -> Words:
-    offset = [message("ahead-offset", size_mm=size, axis=axis) for axis, size in zip(AXES, run.beam_offset_mm, strict=True) if size]
+    offset = [
+        message("ahead-offset", size_mm=size, axis=axis)
+        for axis, size in zip(AXES, run.beam_offset_mm, strict=True)
+        if size
+    ]
     name = run.travel.base
-    return message("ahead-shifted", setup=name, offset=offset) if offset else message("ahead-further", setup=name)
+    return (
+        message("ahead-shifted", setup=name, offset=offset)
+        if offset
+        else message("ahead-further", setup=name)
+    )
 
 
 def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
@@ -122,7 +165,11 @@ def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
     """
     run = next(iter(() if ahead.end else ahead.runs), None)
     if run is None or run.setup in survey.plan.all_setups:
-        raise UsageError(message("where-take"), expected=message("expects-further"), found=message("none") if run is None else run.setup)
+        raise UsageError(
+            message("where-take"),
+            expected=message("expects-further"),
+            found=message("none") if run is None else run.setup,
+        )
     changed = with_plan(read_text(file), _with(survey.plan, run), file.name)
     write_atomically(file, changed.encode("utf-8"))
     return run

@@ -79,19 +79,25 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     try:
         computed, _ = solve_logs(replayed)
     except DataError as error:
-        note_judgement(out, Judgement(time_s=time.time(), stops=replayed.book.stops, reason=error.message))
+        note_judgement(
+            out, Judgement(time_s=time.time(), stops=replayed.book.stops, reason=error.message)
+        )
         raise
     _require_settled(replayed, out)
     text = computed.to_json()
-    # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
+    # what follows uses the rounded numbers of the file: the last bits of a sum differ from
+    # processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
     write_hashed(out / RESULT, text)
-    return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
+    return Completed(
+        out, _folder(replayed), result, exports, refusals, replayed.survey.page.language
+    )
 
 
 def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Replayed:
-    """Write the readings of logs into ``out``, whatever is doubted in them; return the logs, with the verdicts on them since.
+    """Write the readings of logs into ``out``, whatever is doubted in them; return the logs, with
+    the verdicts on them since.
 
     ``survey_file`` as in `complete`. Raises DataError where passes are missing.
     """
@@ -103,7 +109,8 @@ def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = 
 
 
 def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
-    """Return logs with the verdicts of persons and the solver beside them. Raises as `find_logs` and `replay`; ``survey_file`` as there."""
+    """Return logs with the verdicts of persons and the solver beside them. Raises as `find_logs`
+    and `replay`; ``survey_file`` as there."""
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
     replayed = replay_corrected(logs, survey_file, verdicts.suspicions)
@@ -111,11 +118,15 @@ def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Rep
     return replayed
 
 
-def solve_logs(replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None) -> tuple[Result, str]:
-    """Return the result of replayed logs and the readings it rests on, as CSV. Raises DataError naming every pass that is missing.
+def solve_logs(
+    replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None
+) -> tuple[Result, str]:
+    """Return the result of replayed logs and the readings it rests on, as CSV. Raises DataError
+    naming every pass that is missing.
 
-    The 4-DOF head's runs enter the method `estimate`; the closed forms are for the diagonals alone and leave them out. ``environment``
-    holds conditions (by their names in the survey file) that count in place of what was recorded.
+    The 4-DOF head's runs enter the method `estimate`; the closed forms are for the diagonals alone
+    and leave them out. ``environment`` holds conditions (by their names in the survey file) that
+    count in place of what was recorded.
     """
     _require_all(replayed)
     survey = replayed.survey
@@ -123,12 +134,20 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     unmeasured = assumed_conditions(replayed.book, survey, environment or ())
     chosen = method or survey.solver.method
     level = _angles(replayed) or {}
-    head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
+    head = (
+        evaluate_head(survey, replayed.book.passes, replayed.files, level)
+        if chosen == "estimate"
+        else HeadMeasured(angles={})
+    )
     angles, twice = merge_angles(level, head.angles)
     without = left_out(active_in(survey, replayed.files)) if angles else None
     if without is not None:
         angles, twice = {}, (without,)
-    assumed = with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unmeasured])
+    assumed = with_held(
+        assumptions_of(survey),
+        survey,
+        [*held_conditions(replayed.book, environment or ()), *unmeasured],
+    )
     result = solve(
         readings,
         chain=survey.machine.chain,
@@ -138,7 +157,13 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         assumed=assumed,
     )
     contradicted = (*one_scale(survey, result), *exchanged(survey, readings, assumed))
-    solved = (*head.findings, *twice, *result.findings, *contradicted, *assumed_findings(survey, len(readings), unmeasured))
+    solved = (
+        *head.findings,
+        *twice,
+        *result.findings,
+        *contradicted,
+        *assumed_findings(survey, len(readings), unmeasured),
+    )
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (
         *proof_findings(survey, replayed.files, readings),
@@ -150,7 +175,9 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     described = replace(
         with_tolerance(result, survey.tolerance.by_quantity()),
         findings=findings,
-        sources=tuple(Source(role="log", name=log.path.name, sha256=digest(log.path)) for log in replayed.logs),
+        sources=tuple(
+            Source(role="log", name=log.path.name, sha256=digest(log.path)) for log in replayed.logs
+        ),
         survey=_facts(replayed),
         conditions=_conditions(replayed, environment or {}, unmeasured),
         history=tuple(dict.fromkeys(replayed.findings)),
@@ -159,7 +186,8 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
 
 
 def readings_of(replayed: Replayed, environment: Mapping[str, float] | None = None) -> Readings:
-    """Return the readings of replayed logs; ``environment`` holds conditions that count in place of what was recorded."""
+    """Return the readings of replayed logs; ``environment`` holds conditions that count in place of
+    what was recorded."""
     return tabulate(replayed.survey, replayed.book.passes, environment or {})
 
 
@@ -183,19 +211,33 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
     named = joined([message("doubted-at", place=doubt.place, what=doubt.words) for doubt in still])
     note_judgement(
         out,
-        Judgement(time_s=time.time(), stops=replayed.book.stops, reason=named, doubts=tuple(each for each in still if each in suspects)),
+        Judgement(
+            time_s=time.time(),
+            stops=replayed.book.stops,
+            reason=named,
+            doubts=tuple(each for each in still if each in suspects),
+        ),
     )
     command = f"stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ..."
     known = still[-1].names_the_cure
-    remedy = message("or-accept-by", command=command) if known else message("again-or-accept-by", command=command)
-    raise DataError(str(_folder(replayed)), expected=message("undoubted"), found=named, remedy=remedy)
+    remedy = (
+        message("or-accept-by", command=command)
+        if known
+        else message("again-or-accept-by", command=command)
+    )
+    raise DataError(
+        str(_folder(replayed)), expected=message("undoubted"), found=named, remedy=remedy
+    )
 
 
 def _facts(replayed: Replayed) -> Facts:
     """Return who measured what, when and with what, as the survey file and the logs state it."""
     survey, run = replayed.survey, replayed.run
     identity = survey.identity
-    begun, ended = (datetime.fromtimestamp(edge_s, UTC).strftime("%Y-%m-%d %H:%M UTC") for edge_s in span_s(replayed.book))
+    begun, ended = (
+        datetime.fromtimestamp(edge_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+        for edge_s in span_s(replayed.book)
+    )
     facts = Facts(
         machine=identity.machine,
         survey=identity.name,
@@ -214,7 +256,9 @@ def _facts(replayed: Replayed) -> Facts:
     return compensation_of(survey, replayed.files).facts(facts)
 
 
-def _conditions(replayed: Replayed, environment: Mapping[str, float], unmeasured: Sequence[Held]) -> Conditions:
+def _conditions(
+    replayed: Replayed, environment: Mapping[str, float], unmeasured: Sequence[Held]
+) -> Conditions:
     """Return the least and the largest value of each sensor over the stops used, and the conditions
     without a sensor.
 
@@ -222,7 +266,10 @@ def _conditions(replayed: Replayed, environment: Mapping[str, float], unmeasured
     survey file.
     """
     stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
-    seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in NAMES}
+    seen = {
+        name: [value for stop in stops if (value := getattr(stop, name)) is not None]
+        for name in NAMES
+    }
     ranges = {name: (min(values), max(values)) for name, values in seen.items() if values}
     assumed = {one.name: getattr(replayed.survey.environment, one.name) for one in unmeasured}
     return Conditions(
@@ -235,7 +282,9 @@ def head_of_logs(replayed: Replayed) -> HeadMeasured:
     """Return the results of the 4-DOF head's runs in replayed logs, with or without the other
     setups.
     """
-    return evaluate_head(replayed.survey, replayed.book.passes, replayed.files, _angles(replayed) or {})
+    return evaluate_head(
+        replayed.survey, replayed.book.passes, replayed.files, _angles(replayed) or {}
+    )
 
 
 def survey_date(replayed: Replayed) -> date:
@@ -247,7 +296,10 @@ def _require_all(replayed: Replayed) -> None:
     """Raise DataError where a stop of the plan is missing; what is doubted only is in."""
     book = replayed.book
     whole = {(each.route.setup, each.number) for each in book.passes if each.whole}
-    open_passes = {setup: [n for n in book.wanted() if (setup, n) not in whole] for setup in replayed.survey.plan.all_setups}
+    open_passes = {
+        setup: [n for n in book.wanted() if (setup, n) not in whole]
+        for setup in replayed.survey.plan.all_setups
+    }
     missing = [
         message("setup-passes", setup=setup, numbers=[str(number) for number in numbers])
         for setup, numbers in open_passes.items()
@@ -256,9 +308,24 @@ def _require_all(replayed: Replayed) -> None:
     if not missing:
         return
     broken = [each for each in book.passes if not each.whole and each.number in book.wanted()]
-    why = joined([message("setup-pass-why", setup=each.route.setup, number=each.number, why=each.why_incomplete()) for each in broken])
+    why = joined(
+        [
+            message(
+                "setup-pass-why",
+                setup=each.route.setup,
+                number=each.number,
+                why=each.why_incomplete(),
+            )
+            for each in broken
+        ]
+    )
     folder = str(_folder(replayed))
-    raise DataError(folder, expected=message("every-pass"), found=message("missing", which=missing), remedy=why or message("drive-missing"))
+    raise DataError(
+        folder,
+        expected=message("every-pass"),
+        found=message("missing", which=missing),
+        remedy=why or message("drive-missing"),
+    )
 
 
 def _angles(replayed: Replayed) -> Angles | None:
@@ -269,25 +336,36 @@ def _angles(replayed: Replayed) -> Angles | None:
 
 
 def _text(replayed: Replayed, name: str) -> str:
-    """Return a file that the survey names, from the log. Raises DataError where it is not there, or not UTF-8."""
+    """Return a file that the survey names, from the log. Raises DataError where it is not there, or
+    not UTF-8."""
     data = replayed.files.get(name)
     if data is None:
         raise DataError(name, expected=message("named-in-log"), found=message("nothing"))
     return as_text(data, name)
 
 
-def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[ExportReport, ...], dict[str, Words]]:
+def _export_all(
+    replayed: Replayed, result: Result, out: Path
+) -> tuple[tuple[ExportReport, ...], dict[str, Words]]:
     written, refusals = [], dict[str, Words]()
     for wanted in replayed.survey.exports:
         folder = out / wanted.controller
         try:
             tables = tables_for(replayed.files, wanted.profile)
             control = controller_named(wanted.controller)
-            profile = parse_profile(_text(replayed, wanted.profile), wanted.profile, control, result.volume, tables)
-            written.append(export(result, wanted.controller, profile, out_dir=folder, today=survey_date(replayed)))
+            profile = parse_profile(
+                _text(replayed, wanted.profile), wanted.profile, control, result.volume, tables
+            )
+            written.append(
+                export(
+                    result, wanted.controller, profile, out_dir=folder, today=survey_date(replayed)
+                )
+            )
         except (SafetyError, UsageError, DataError) as error:
             refusals[wanted.controller] = (
-                message("refusal-with-code", refusal=error.message, code=error.code) if isinstance(error, SafetyError) else error.message
+                message("refusal-with-code", refusal=error.message, code=error.code)
+                if isinstance(error, SafetyError)
+                else error.message
             )
             _leave_reason(folder, error)
     return tuple(written), refusals

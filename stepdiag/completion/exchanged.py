@@ -36,7 +36,8 @@ def exchanged(survey: Survey, readings: Readings, assumed: Assumptions) -> list[
     pairs = list(combinations(driven, 2))
     named = [readings, *(_renamed(readings, *pair) for pair in pairs)]
     weights, squares = np.array([_fitted(survey, each, assumed) for each in named]).T
-    # few readings agree by chance with less noise than any machine has: no name counts more than the noise of most names allows
+    # few readings agree by chance with less noise than any machine has: no name counts more than
+    # the noise of most names allows
     likelihood = 0.5 * np.minimum(weights, np.median(weights)) - 0.5 * squares
     best = 1 + int(np.argmax(likelihood[1:]))
     gain = float(likelihood[best] - likelihood[0])
@@ -44,7 +45,14 @@ def exchanged(survey: Survey, readings: Readings, assumed: Assumptions) -> list[
         return []
     first, second = pairs[best - 1]
     order = _order(survey.plan.setups, first, second)
-    words = message("step-mismatch.exchanged", first=first, second=second, gain=gain, line="plan.setups", value=order)
+    words = message(
+        "step-mismatch.exchanged",
+        first=first,
+        second=second,
+        gain=gain,
+        line="plan.setups",
+        value=order,
+    )
     return [finding("error", words, Place(setup=first, pass_number=1))]
 
 
@@ -60,9 +68,18 @@ def _renamed(readings: Readings, first: str, second: str) -> Readings:
     """Return readings in which two setups have exchanged names and positions."""
     names = {first: second, second: first}
     setup = tuple(names.get(name, name) for name in readings.setup)
-    places = [list(zip(column, readings.pass_number.tolist(), readings.stop.tolist(), strict=True)) for column in (readings.setup, setup)]
+    places = [
+        list(zip(column, readings.pass_number.tolist(), readings.stop.tolist(), strict=True))
+        for column in (readings.setup, setup)
+    ]
     rows = {place: row for row, place in enumerate(places[0])}
-    return replace(readings, setup=setup, position_mm=readings.position_mm[[rows.get(place, row) for row, place in enumerate(places[1])]])
+    return replace(
+        readings,
+        setup=setup,
+        position_mm=readings.position_mm[
+            [rows.get(place, row) for row, place in enumerate(places[1])]
+        ],
+    )
 
 
 def _order(setups: Sequence[str], first: str, second: str) -> str:

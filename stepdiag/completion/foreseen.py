@@ -27,26 +27,40 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
     controls in its ``folder``.
     """
     turns = _turns(survey.head)
-    controls = [CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS]
-    by_axis = bool(controls) and not any(isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls)
+    controls = [
+        CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS
+    ]
+    by_axis = bool(controls) and not any(
+        isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls
+    )
     finer = () if survey.uncertainty.pitch_mm is None else range(1, MOST_INCREMENTS + 1)
     return Circumstances(
         chain=survey.machine.chain,
         assumed=assumptions_of(survey),
         head=survey.head is not None,
         head_turns=turns,
-        head_u_urad=survey.head.angles.u_urad if survey.head is not None and survey.head.angular else Circumstances().head_u_urad,
+        head_u_urad=survey.head.angles.u_urad
+        if survey.head is not None and survey.head.angular
+        else Circumstances().head_u_urad,
         aim="tables" if by_axis else "lattice",
         zone=None if folder is None else _zone(survey, folder),
-        dwells_s=tuple(dwell_s for dwell_s in Circumstances().dwells_s if dwell_s >= least_dwell_s(survey)),
+        dwells_s=tuple(
+            dwell_s for dwell_s in Circumstances().dwells_s if dwell_s >= least_dwell_s(survey)
+        ),
         in_step=tuple(
-            n for n in finer if any(in_step(edge_mm / n, survey.uncertainty.pitch_mm or 1.0) for edge_mm in survey.volume.size_mm)
+            n
+            for n in finer
+            if any(
+                in_step(edge_mm / n, survey.uncertainty.pitch_mm or 1.0)
+                for edge_mm in survey.volume.size_mm
+            )
         ),
     )
 
 
 def _turns(head: Head | None) -> tuple[str, ...]:
-    """Return the angular functions that an instrument measures, or a head would: a quadrant detector alone measures none."""
+    """Return the angular functions that an instrument measures, or a head would: a quadrant
+    detector alone measures none."""
     if head is not None and head.format == "tqd":
         return ()
     if head is None or not head.angular:
@@ -55,16 +69,21 @@ def _turns(head: Head | None) -> tuple[str, ...]:
 
 
 def _zone(survey: Survey, folder: Path) -> Zone | None:
-    """Return the part of the volume where the tables of the first control have to fit best; None where its profile names none, or is not
-    yet filled in."""
+    """Return the part of the volume where the tables of the first control have to fit best; None
+    where its profile names none, or is not yet filled in."""
     if not survey.exports or survey.exports[0].controller not in CONTROLLERS:
         return None
     first = survey.exports[0]
     try:
-        named = load_profile(folder / first.profile, CONTROLLERS[first.controller], survey.volume).zone
+        named = load_profile(
+            folder / first.profile, CONTROLLERS[first.controller], survey.volume
+        ).zone
     except UsageError:
         return None
-    ends = [(low, low + edge) for low, edge in zip(survey.volume.origin_mm, survey.volume.size_mm, strict=True)]
+    ends = [
+        (low, low + edge)
+        for low, edge in zip(survey.volume.origin_mm, survey.volume.size_mm, strict=True)
+    ]
     x, y, z = (named.get(axis.upper(), end) for axis, end in zip(AXES, ends, strict=True))
     return (x, y, z) if named else None
 
@@ -83,21 +102,35 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
 
 
 def hidden_waves(survey: Survey) -> Iterator[Finding]:
-    """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of increments that shows them.
+    """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of
+    increments that shows them.
 
-    Silent where the survey file does not state a pitch, for linear scales, and along axes whose runs have targets of their own.
+    Silent where the survey file does not state a pitch, for linear scales, and along axes whose
+    runs have targets of their own.
     """
     pitch_mm, volume = survey.uncertainty.pitch_mm, survey.volume
     if pitch_mm is None or survey.uncertainty.feedback != "screw":
         return
     shown = {run.travel.axis for run in survey.planned.runs if run.targets}
-    steps_mm = {axis: edge_mm / volume.increments for axis, edge_mm in zip(AXES, volume.size_mm, strict=True) if axis not in shown}
-    hidden = [f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if in_step(step_mm, pitch_mm)]
+    steps_mm = {
+        axis: edge_mm / volume.increments
+        for axis, edge_mm in zip(AXES, volume.size_mm, strict=True)
+        if axis not in shown
+    }
+    hidden = [
+        f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if in_step(step_mm, pitch_mm)
+    ]
     if not hidden:
         return
     finer = range(volume.increments + 1, MOST_INCREMENTS + 1)
-    better = next((n for n in finer if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
+    better = next(
+        (n for n in finer if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)),
+        None,
+    )
     if better is None:
         yield finding("info", message("plan-hides.pitch", steps=hidden, pitch_mm=pitch_mm))
     else:
-        yield finding("info", message("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better))
+        yield finding(
+            "info",
+            message("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better),
+        )

@@ -1,4 +1,5 @@
-"""One scale on every axis: a statement on the laser's air, its wavelength or the expansion that is not so, or a machine that is so long.
+"""One scale on every axis: a statement on the laser's air, its wavelength or the expansion that is
+not so, or a machine that is so long.
 
 Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
 a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
@@ -20,8 +21,8 @@ from stepdiag.daq.capture.cause.likelihood import CAUSE
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
-"""Standard deviation of the scale that a machine's axes share, as 5 K on steel bring about, or where that is taken out; and of what each
-has of its own."""
+"""Standard deviation of the scale that a machine's axes share, as 5 K on steel bring about, or
+where that is taken out; and of what each has of its own."""
 HENE_NM = 632.991
 LEAST_UM_M = 100.0
 """A smaller effect is like a machine's own."""
@@ -35,40 +36,70 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
     scales = {axis: scale for axis, scale in result.scale.items() if scale.value is not None}
     if len(scales) < 2:
         return []
-    value, u = (np.array([getattr(scale, name) or 0.0 for scale in scales.values()]) for name in ("value", "u"))
+    value, u = (
+        np.array([getattr(scale, name) or 0.0 for scale in scales.values()])
+        for name in ("value", "u")
+    )
     together = TOGETHER_AT_20_C_UM_M if survey.machine.apply_expansion else TOGETHER_UM_M
     covariance = together**2 + np.diag(EACH_UM_M**2 + u**2)
     weight = np.linalg.inv(covariance)
     plain = float(value @ weight @ value)
     gains = [
-        (0.5 * (plain - float((value - effect) @ weight @ (value - effect))) - CAUSE, effect, what, line)
+        (
+            0.5 * (plain - float((value - effect) @ weight @ (value - effect))) - CAUSE,
+            effect,
+            what,
+            line,
+        )
         for effect, what, line in _statements(survey, result)
         if abs(effect) > LEAST_UM_M
     ]
-    gain, effect, what, (line, to) = max(gains, key=lambda each: each[0], default=(0.0, 0.0, "", ("", "")))
+    gain, effect, what, (line, to) = max(
+        gains, key=lambda each: each[0], default=(0.0, 0.0, "", ("", ""))
+    )
     if gain <= 0.0:
         return []
     shown = [f"{axis} {number:+.0f}" for axis, number in zip(scales, value.tolist(), strict=True)]
-    run = next((name for name in survey.plan.all_setups if name.startswith("linear")), survey.plan.all_setups[0])
-    words = message("step-mismatch.scales", scales=shown, what=what, effect_um_m=effect, line=line, value=to)
+    run = next(
+        (name for name in survey.plan.all_setups if name.startswith("linear")),
+        survey.plan.all_setups[0],
+    )
+    words = message(
+        "step-mismatch.scales", scales=shown, what=what, effect_um_m=effect, line=line, value=to
+    )
     return [finding("error", words, Place(setup=run, pass_number=1))]
 
 
 def _statements(survey: Survey, result: Result) -> Iterator[tuple[float, Message, tuple[str, str]]]:
-    """Yield by how much each wrong statement lengthens all axes, in µm/m, and the line to change with its new value."""
+    """Yield by how much each wrong statement lengthens all axes, in µm/m, and the line to change
+    with its new value."""
     laser, stated = survey.laser, survey.environment
     air = Air(
-        temperature_c=np.array(stated.air_temperature_c), pressure_hpa=np.array(stated.air_pressure_hpa),
+        temperature_c=np.array(stated.air_temperature_c),
+        pressure_hpa=np.array(stated.air_pressure_hpa),
         humidity_percent=np.array(stated.relative_humidity_percent),
-    )  # fmt: skip
+    )
     index = float(refractive_index(air, HENE_NM)) - 1
     if laser.compensated:
         yield 1e6 * index, message("cause-air-never"), ("laser.compensated", "false")
     else:
         yield -1e6 * index, message("cause-air-twice"), ("laser.compensated", "true")
     factor = laser.wavelength_nm / HENE_NM
-    yield 1e6 * (factor - 1) if abs(factor - 1) < 2e-3 else 0.0, message("cause-wavelength-in-air"), laser_change(survey, factor)
-    warm_c = result.lengths.material_c if result.lengths is not None and survey.machine.apply_expansion else None
+    yield (
+        1e6 * (factor - 1) if abs(factor - 1) < 2e-3 else 0.0,
+        message("cause-wavelength-in-air"),
+        laser_change(survey, factor),
+    )
+    warm_c = (
+        result.lengths.material_c
+        if result.lengths is not None and survey.machine.apply_expansion
+        else None
+    )
     if warm_c is not None:
-        twice = -float(np.mean(np.array(survey.machine.expansion_um_m_c) * (np.array(warm_c) - REFERENCE_TEMPERATURE_C)))
+        twice = -float(
+            np.mean(
+                np.array(survey.machine.expansion_um_m_c)
+                * (np.array(warm_c) - REFERENCE_TEMPERATURE_C)
+            )
+        )
         yield twice, message("cause-expansion-twice"), ("machine.apply_expansion", "false")

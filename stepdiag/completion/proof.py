@@ -35,14 +35,19 @@ from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table
 
 _STATES: Mapping[Code | None, Message] = {
-    "right": message("proof-right"), "sign-turned": message("proof-turned"), "missing": message("proof-missing"),
-    "scaled": message("proof-scaled"), "axes-swapped": message("proof-swapped"), None: message("proof-open"),
-}  # fmt: skip
+    "right": message("proof-right"),
+    "sign-turned": message("proof-turned"),
+    "missing": message("proof-missing"),
+    "scaled": message("proof-scaled"),
+    "axes-swapped": message("proof-swapped"),
+    None: message("proof-open"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofFiles:
-    """Paths of a proof run to be planned: the survey file, the folder of its result, that of the export, and its profile."""
+    """Paths of a proof run to be planned: the survey file, the folder of its result, that of the
+    export, and its profile."""
 
     survey: Path
     round: Path
@@ -73,9 +78,15 @@ def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[
 
     def with_setups(setups: Sequence[str], repeats: int) -> str:
         plan = msgspec.structs.replace(
-            survey.plan, setups=tuple(setups), repeats=repeats, axis_orders=survey.plan.axis_orders[:1], beam_offset=()
+            survey.plan,
+            setups=tuple(setups),
+            repeats=repeats,
+            axis_orders=survey.plan.axis_orders[:1],
+            beam_offset=(),
         )
-        return as_proof(text, given.survey.name, name=name, plan=plan, active=active, day=day, proof=proof)
+        return as_proof(
+            text, given.survey.name, name=name, plan=plan, active=active, day=day, proof=proof
+        )
 
     draft = parse_survey(with_setups(survey.plan.setups, 1), given.survey.name)
     held = loaded_in(draft, read_bundle(given.survey, draft))
@@ -108,7 +119,11 @@ class Loaded:
 
     def _parts(self, files: Sequence[ControlFile]) -> tuple[Table, ...]:
         held = [lattice.parse(file) for file in files if lattice.recognises(file)]
-        return tuple(part for each in held for part in parts_of(each.correction_um, each.axes_mm, self.result.volume))
+        return tuple(
+            part
+            for each in held
+            for part in parts_of(each.correction_um, each.axes_mm, self.result.volume)
+        )
 
 
 def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
@@ -122,7 +137,13 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
     named, control = survey.proof, controller_named(survey.proof.controller)
     result = parse_result(as_text(files[named.result], named.result), named.result)
     profile = (
-        parse_profile(as_text(files[named.profile], named.profile), named.profile, control, result.volume, tables_for(files, named.profile))
+        parse_profile(
+            as_text(files[named.profile], named.profile),
+            named.profile,
+            control,
+            result.volume,
+            tables_for(files, named.profile),
+        )
         if named.profile
         else quick_profile(control, result.volume)
     )
@@ -131,38 +152,61 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
         readings=parse_readings(as_text(files[named.readings], named.readings), named.readings),
         controller=control,
         profile=profile,
-        files=tuple(ControlFile(name=PurePath(name).name, data=data) for name, data in active_in(survey, files).items()),
+        files=tuple(
+            ControlFile(name=PurePath(name).name, data=data)
+            for name, data in active_in(survey, files).items()
+        ),
     )
 
 
 def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Proof | None:
-    """Return the verdict on a proof run from its readings; None for any other survey. Raises as `loaded_in`."""
+    """Return the verdict on a proof run from its readings; None for any other survey. Raises as
+    `loaded_in`."""
     held = loaded_in(survey, files)
     return None if held is None else prove(held.result, held.readings, readings, *held.tables())
 
 
-def proof_findings(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Iterator[Finding]:
+def proof_findings(
+    survey: Survey, files: Mapping[str, bytes], readings: Readings
+) -> Iterator[Finding]:
     """Yield the verdict on a proof run; nothing for any other survey. Raises as `loaded_in`."""
     found = proof_of(survey, files, readings)
     if found is not None:
-        severity: Mapping[str, Severity] = {"keep": "info", "restore": "error", "undecided": "warning"}
+        severity: Mapping[str, Severity] = {
+            "keep": "info",
+            "restore": "error",
+            "undecided": "warning",
+        }
         yield finding(severity[found.action], action_words(found))
 
 
 def action_words(proof: Proof) -> Message:
     """Return what a proof run shows and what to do."""
-    wrong, undecided = ([words_of(each) for each in proof.tables if each.state == state] for state in ("wrong", "undecided"))
+    wrong, undecided = (
+        [words_of(each) for each in proof.tables if each.state == state]
+        for state in ("wrong", "undecided")
+    )
     if wrong:
         return message("proof.wrong", wrong=wrong)
     if undecided:
         further = proof.further
-        return message("proof.undecided", open=undecided, further=further) if further else message("proof.open", open=undecided)
+        return (
+            message("proof.undecided", open=undecided, further=further)
+            if further
+            else message("proof.open", open=undecided)
+        )
     return message("proof", each=[words_of(each) for each in proof.tables])
 
 
 def words_of(each: Proved) -> Message:
     """Return the verdict on the tables of one function."""
-    return message("proof-table", name=each.function, state=_STATES[each.code], factor=each.factor, expanded=2.0 * each.u)
+    return message(
+        "proof-table",
+        name=each.function,
+        state=_STATES[each.code],
+        factor=each.factor,
+        expanded=2.0 * each.u,
+    )
 
 
 def sign_records(held: Loaded, proof: Proof, runs: bytes, day: date) -> Iterator[SignTestRecord]:
@@ -171,10 +215,19 @@ def sign_records(held: Loaded, proof: Proof, runs: bytes, day: date) -> Iterator
     """
     if proof.action != "keep":
         return
-    about, senses = subject(held.controller.name, held.profile), {table.kind: table.law.sense for table in held.tables()[0]}
+    about, senses = (
+        subject(held.controller.name, held.profile),
+        {table.kind: table.law.sense for table in held.tables()[0]},
+    )
     for kind in dict.fromkeys(each.kind for each in proof.tables):
         yield SignTestRecord(
-            kind=kind, date=day, verdict=senses[kind], machine=about.machine, control=about.control, measuring_system=about.system,
+            kind=kind,
+            date=day,
+            verdict=senses[kind],
+            machine=about.machine,
+            control=about.control,
+            measuring_system=about.system,
             function=next(each.function for each in proof.tables if each.kind == kind),
-            bump_sha256=[hashlib.sha256(file.data).hexdigest() for file in held.files], runs_sha256=[hashlib.sha256(runs).hexdigest()],
-        )  # fmt: skip
+            bump_sha256=[hashlib.sha256(file.data).hexdigest() for file in held.files],
+            runs_sha256=[hashlib.sha256(runs).hexdigest()],
+        )

@@ -18,7 +18,8 @@ from stepdiag.solver.model.straightness_file import parse_straightness
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """The files that a readings file may be solved with; ``add`` adds runs of other programs' files, which ``runs`` name."""
+    """The files that a readings file may be solved with; ``add`` adds runs of other programs'
+    files, which ``runs`` name."""
 
     angles: Path | None = None
     straightness: Path | None = None
@@ -33,9 +34,17 @@ def source_of(role: str, path: Path) -> Source:
     return Source(role=role, name=path.name, sha256=hashlib.sha256(read_bytes(path)).hexdigest())
 
 
-def solve_readings_file(path: Path, beside: Beside, *, method: str, chain: str, monte_carlo: int = 0) -> Result:
-    """Return the result of a readings file. Raises UsageError and DataError as `solve` and the parsers of the files do."""
-    given = {"angles": beside.angles, "straightness": beside.straightness, "uncertainty": beside.uncertainty, "tolerance": beside.tolerance}
+def solve_readings_file(
+    path: Path, beside: Beside, *, method: str, chain: str, monte_carlo: int = 0
+) -> Result:
+    """Return the result of a readings file. Raises UsageError and DataError as `solve` and the
+    parsers of the files do."""
+    given = {
+        "angles": beside.angles,
+        "straightness": beside.straightness,
+        "uncertainty": beside.uncertainty,
+        "tolerance": beside.tolerance,
+    }
     named = {role: (read_text(file), file.name) for role, file in given.items() if file is not None}
     readings = in_mm(parse_readings(read_text(path), path.name), path.name)
     result = solve(
@@ -48,6 +57,12 @@ def solve_readings_file(path: Path, beside: Beside, *, method: str, chain: str, 
         source=path.name,
         monte_carlo=monte_carlo,
     )
-    files = (source_of(role, file) for role, file in {"readings": path, **given}.items() if file is not None)
+    files = (
+        source_of(role, file)
+        for role, file in {"readings": path, **given}.items()
+        if file is not None
+    )
     known = replace(result, sources=(*files, *beside.runs))
-    return with_tolerance(known, parse_tolerance(*named["tolerance"]) if "tolerance" in named else {})
+    return with_tolerance(
+        known, parse_tolerance(*named["tolerance"]) if "tolerance" in named else {}
+    )

@@ -6,12 +6,34 @@ and which stands beside the result as ``conclusion.json``. Nothing here computes
 figures come from result and prediction. Imported by `report`, `page`, `daemon` and `cli`.
 """
 
-from stepdiag.conclusion.concluding import Conclusion, Export, conclude, export_of, harmed_in, loadable, taken_for_granted
+from stepdiag.conclusion.concluding import (
+    Conclusion,
+    Export,
+    conclude,
+    export_of,
+    harmed_in,
+    loadable,
+    taken_for_granted,
+)
 from stepdiag.conclusion.contributions import Contribution, contributions_of
-from stepdiag.conclusion.file import conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
+from stepdiag.conclusion.file import (
+    conclusion_document,
+    conclusion_in,
+    conclusion_json,
+    titles_of,
+    words_of,
+)
 from stepdiag.conclusion.intervals import Reach, reach_of
 from stepdiag.conclusion.sentences import Sentence, render
-from stepdiag.conclusion.verdict import STATES, even_of, interval_of, judged_in, probability_words, quantity_words, verdict_words
+from stepdiag.conclusion.verdict import (
+    STATES,
+    even_of,
+    interval_of,
+    judged_in,
+    probability_words,
+    quantity_words,
+    verdict_words,
+)
 
 __all__ = [
     "STATES",

@@ -22,14 +22,20 @@ from stepdiag.exporters.proof.judge import PROOF
 from stepdiag.exporters.safety.verify import STRETCH
 
 MOST_WRONG = 5
-AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "relative_humidity_percent": ("RH", "%")}
+AIR = {
+    "air_temperature_c": ("T", "°C"),
+    "air_pressure_hpa": ("p", "hPa"),
+    "relative_humidity_percent": ("RH", "%"),
+}
 """Conditions of the air in letters and units that every language writes alike."""
 KNOBS = {
     BETWEEN_TARGETS: "between",
     READINGS: "readings",
     NOT_MEASURED: "unmeasured",
     **dict.fromkeys(("angles", "short waves of angles"), "angles"),
-    **dict.fromkeys(("drift", "wander", "wandering pass", "walk of one pass", "found step"), "passes"),
+    **dict.fromkeys(
+        ("drift", "wander", "wandering pass", "walk of one pass", "found step"), "passes"
+    ),
     **dict.fromkeys(("setup scale", "scale of one setup", "growth"), "setups"),
     **dict.fromkeys(("material temperature", "air"), "lengths"),
 }
@@ -77,11 +83,17 @@ def export_of(written: ExportReport) -> Export:
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
     reach = None if written.prediction is None else reach_of(written.prediction.predicted)
-    return Export(controller=written.controller, untested=untested, reach=reach, harmed=harmed_in(written.findings))
+    return Export(
+        controller=written.controller,
+        untested=untested,
+        reach=reach,
+        harmed=harmed_in(written.findings),
+    )
 
 
 def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
-    """Return the findings about stretches in which files harm, of the findings of an export or of `verify`."""
+    """Return the findings about stretches in which files harm, of the findings of an export or of
+    `verify`."""
     return tuple(one.words for one in findings if one.code == STRETCH)
 
 
@@ -93,32 +105,54 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     proof = next((one for one in result.findings if one.code == PROOF), None)
     exported = next((each.reach for each in exports if each.reach is not None), None)
     reach = (exported or reach_in(result)) if result.volume.solid else None
-    counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
+    counts = {
+        severity: sum(one.severity == severity for one in result.findings)
+        for severity in ("error", "warning", "info")
+    }
     return Conclusion(
         wrong=tuple((one, _wrong_sentence(one)) for one in wrong),
-        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])) if proof is None else (),
+        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())]))
+        if proof is None
+        else (),
         reach=reach,
-        reached=(*_reached(reach, result, refused=_all_refused(exports)), *_largest_share(result), *_harmed(exports)),
+        reached=(
+            *_reached(reach, result, refused=_all_refused(exports)),
+            *_largest_share(result),
+            *_harmed(exports),
+        ),
         verdict=tuple(verdict_sentences(judged_in(result, exported))),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)) if proof is None else (),
-        next_step=_next_step(result, exports, counts) if proof is None else Sentence(key="next_proof", arguments={"what": proof.words}),
+        next_step=_next_step(result, exports, counts)
+        if proof is None
+        else Sentence(key="next_proof", arguments={"what": proof.words}),
         findings=counts,
     )
 
 
 def _wrong(contributions: Sequence[Contribution]) -> list[Contribution]:
     certain = [one for one in contributions if one.significant and one.effect_um >= 0.05]
-    return [one for one in certain if one.effect_um >= LEAST_SHARE * certain[0].effect_um][:MOST_WRONG]
+    return [one for one in certain if one.effect_um >= LEAST_SHARE * certain[0].effect_um][
+        :MOST_WRONG
+    ]
 
 
 def _wrong_sentence(one: Contribution) -> Sentence:
     """Return a contribution in words."""
-    numbers = {"um": _um(one.effect_um), "length": f"{one.length_mm:.0f}", "value": _value(one), "axis": one.axis, "name": one.name}
+    numbers = {
+        "um": _um(one.effect_um),
+        "length": f"{one.length_mm:.0f}",
+        "value": _value(one),
+        "axis": one.axis,
+        "name": one.name,
+    }
     more = "positive" if one.value > 0 else "negative"
     match one.kind:
         case "squareness":
-            return Sentence(key="wrong_squareness", arguments={**numbers, "to": LEANS[one.name][1], "towards": _towards(one)})
+            return Sentence(
+                key="wrong_squareness",
+                arguments={**numbers, "to": LEANS[one.name][1], "towards": _towards(one)},
+            )
         case "scale":
             return Sentence(key=f"wrong_scale_{more}", arguments=numbers)
         case "straightness":
@@ -128,38 +162,53 @@ def _wrong_sentence(one: Contribution) -> Sentence:
 
 
 def _value(one: Contribution) -> str:
-    """Return the magnitude of a quantity, of a squareness or a scale to the digits of its U, as its table has it."""
+    """Return the magnitude of a quantity, of a squareness or a scale to the digits of its U, as its
+    table has it."""
     if one.kind not in ("squareness", "scale") or not one.u_um:
         return _um(abs(one.value))
     return f"{abs(one.value):.{decimals_of_u(2e3 * one.u_um / one.length_mm)}f}"
 
 
 def _towards(one: Contribution) -> str:
-    """Return where the tool goes when the leaning axis moves in +: dX = -C0Y y, dX = +B0Z z, dY = -A0Z z (contract 1)."""
+    """Return where the tool goes when the leaning axis moves in +: dX = -C0Y y, dX = +B0Z z, dY =
+    -A0Z z (contract 1)."""
     grows = one.value > 0 if one.name == "B0Z" else one.value < 0
     return f"{'+' if grows else '−'}{LEANS[one.name][1]}"
 
 
 def _unknown(result: Result) -> Iterator[Sentence]:
     standing = _standing(result)
-    scales = [axis for axis, scale in result.scale.items() if not scale.identified and axis not in standing]
+    scales = [
+        axis
+        for axis, scale in result.scale.items()
+        if not scale.identified and axis not in standing
+    ]
     if scales:
         yield Sentence(key="unknown_scales", arguments={"axes": ", ".join(scales)})
     for name, quantity in result.squareness.items():
         axis, to = LEANS[name]
         if quantity.value is None and not {axis, to} & set(standing):
-            yield Sentence(key="unknown_squareness", arguments={"name": name, "axis": axis, "to": to})
-    functions = [name for name, function in result.errors.items() if function.value is None and name[2] not in standing]
+            yield Sentence(
+                key="unknown_squareness", arguments={"name": name, "axis": axis, "to": to}
+            )
+    functions = [
+        name
+        for name, function in result.errors.items()
+        if function.value is None and name[2] not in standing
+    ]
     if functions:
         yield Sentence(key="unknown_functions", arguments={"names": ", ".join(functions)})
-    if result.posterior is not None and (functions or scales or any(one.value is None for one in result.squareness.values())):
+    if result.posterior is not None and (
+        functions or scales or any(one.value is None for one in result.squareness.values())
+    ):
         yield Sentence(key="unknown_usual", arguments={})
     if standing:
         yield Sentence(key="unknown_standing", arguments={"axes": ", ".join(standing)})
     angles = [name for name in ROTATIONS if name not in result.errors and name[2] not in standing]
     if angles:
         yield Sentence(
-            key="unknown_angles_all" if len(angles) == len(ROTATIONS) else "unknown_angles", arguments={"names": ", ".join(angles)}
+            key="unknown_angles_all" if len(angles) == len(ROTATIONS) else "unknown_angles",
+            arguments={"names": ", ".join(angles)},
         )
 
 
@@ -174,17 +223,32 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
     if blind is not None:
         yield Sentence(key="unknown_slip_any", arguments={"place": blind.place})
     passes = [name for one in slips for name in one.passes]
-    worst = max((one for one in slips if one.half_um is not None), key=lambda one: one.volume_um or 0.0, default=None)
+    worst = max(
+        (one for one in slips if one.half_um is not None),
+        key=lambda one: one.volume_um or 0.0,
+        default=None,
+    )
     if worst is not None:
         sizes = {"half": worst.half_um, "nearly": worst.nearly_um, "volume": worst.volume_um}
-        yield Sentence(key="unknown_slip", arguments={"place": worst.place, **{name: _um(size or 0.0) for name, size in sizes.items()}})
+        yield Sentence(
+            key="unknown_slip",
+            arguments={
+                "place": worst.place,
+                **{name: _um(size or 0.0) for name, size in sizes.items()},
+            },
+        )
     if passes:
         readings_um = max(one.readings_um or 0.0 for one in slips)
-        yield Sentence(key="unknown_slip_passes", arguments={"passes": ", ".join(passes), "readings": _um(readings_um)})
+        yield Sentence(
+            key="unknown_slip_passes",
+            arguments={"passes": ", ".join(passes), "readings": _um(readings_um)},
+        )
 
 
 def _standing(result: Result) -> list[str]:
-    return [axis for axis, travels in zip("XYZ", result.volume.travelled, strict=True) if not travels]
+    return [
+        axis for axis, travels in zip("XYZ", result.volume.travelled, strict=True) if not travels
+    ]
 
 
 def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[Sentence]:
@@ -192,29 +256,44 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
     if every export was refused.
     """
     if reach is None:
-        yield Sentence(key="reach_axes_alone", arguments={"axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))})
+        yield Sentence(
+            key="reach_axes_alone",
+            arguments={"axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))},
+        )
         return
     yield _figure("before", reach.rms_before, reach.largest_before)
     if reach.rms_after is not None and reach.largest_after is not None:
         after = _figure("after", reach.rms_after, reach.largest_after)
-        yield replace(after, key="reach_after_refused") if refused and after.key == "reach_after" else after
+        yield (
+            replace(after, key="reach_after_refused")
+            if refused and after.key == "reach_after"
+            else after
+        )
 
 
 def _largest_share(result: Result) -> Iterator[Sentence]:
     """Yield the largest share of the volume's U (of its square), and what makes it smaller."""
     shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
-    square = {knob: sum(shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob) for knob in KNOBS.values()}
+    square = {
+        knob: sum(shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob)
+        for knob in KNOBS.values()
+    }
     knob = max(square, key=lambda one: square[one])
     if square[knob] > 0.0:
         percent = f"{100.0 * square[knob] / sum(share**2 for share in shares.values()):.0f}"
-        more = Sentence(key=f"largest_{knob}", arguments={"increments": f"{2 * result.volume.increments}"})
+        more = Sentence(
+            key=f"largest_{knob}", arguments={"increments": f"{2 * result.volume.increments}"}
+        )
         yield Sentence(key="reach_largest", arguments={"percent": percent, "what": more})
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
     """Yield where the files of an export make the machine worse, though they help on the whole."""
     for one in exports:
-        yield from (Sentence(key="reach_harmed", arguments={"control": one.controller, "what": text}) for text in one.harmed)
+        yield from (
+            Sentence(key="reach_harmed", arguments={"control": one.controller, "what": text})
+            for text in one.harmed
+        )
 
 
 def _all_refused(exports: Sequence[Export]) -> bool:
@@ -222,14 +301,25 @@ def _all_refused(exports: Sequence[Export]) -> bool:
 
 
 def _basis(found: Basis) -> Iterator[Sentence]:
-    """Yield to which temperature the lengths belong, on which sizes U rests, and where the errors hold; nothing that is not stated."""
+    """Yield to which temperature the lengths belong, on which sizes U rests, and where the errors
+    hold; nothing that is not stated."""
     if found.tables is not None and found.material_c is None:
         yield Sentence(key=f"basis_{found.tables}_alone")
     elif found.tables is not None:
-        arguments = {"warm": f"{found.material_c:.2f}", "scales": scales_in_words(found.scales), "other": scales_in_words(found.other)}
-        yield Sentence(key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments)
+        arguments = {
+            "warm": f"{found.material_c:.2f}",
+            "scales": scales_in_words(found.scales),
+            "other": scales_in_words(found.other),
+        }
+        yield Sentence(
+            key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments
+        )
     if found.air:
-        values = ", ".join(f"{letter} = {found.air[name]:g} {unit}" for name, (letter, unit) in AIR.items() if name in found.air)
+        values = ", ".join(
+            f"{letter} = {found.air[name]:g} {unit}"
+            for name, (letter, unit) in AIR.items()
+            if name in found.air
+        )
         yield Sentence(key="basis_air_assumed", arguments={"values": values})
     if (taken := taken_for_granted(found.assumed)) is not None:
         yield taken
@@ -238,7 +328,8 @@ def _basis(found: Basis) -> Iterator[Sentence]:
 
 
 def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
-    """Return the sizes on which U rests, as they stand beside every U; None where a size is missing.
+    """Return the sizes on which U rests, as they stand beside every U; None where a size is
+    missing.
 
     Results of older versions assumed no growth and do not name it.
     """
@@ -251,7 +342,9 @@ def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
 def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
     low, high = rms.shown()
     if not low:
-        return Sentence(key=f"reach_{when}_unsure", arguments={"rms": rms.best(), "largest": largest.best()})
+        return Sentence(
+            key=f"reach_{when}_unsure", arguments={"rms": rms.best(), "largest": largest.best()}
+        )
     arguments = {"low": low, "high": high, "largest": largest.shown()[1] or largest.best()}
     return Sentence(key=f"reach_{when}", arguments=arguments)
 
@@ -262,13 +355,17 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
         yield Sentence(key="load_none")
     for one in exports:
         if one.refused:
-            yield Sentence(key="load_refused", arguments={"control": one.controller, "why": one.refused})
+            yield Sentence(
+                key="load_refused", arguments={"control": one.controller, "why": one.refused}
+            )
         elif one.untested:
             yield Sentence(
                 key="load_untested",
                 arguments={
                     "control": one.controller,
-                    "kinds": ", ".join(kind.upper() if len(kind) == 3 else kind for kind in one.untested),
+                    "kinds": ", ".join(
+                        kind.upper() if len(kind) == 3 else kind for kind in one.untested
+                    ),
                 },
             )
         else:
@@ -281,11 +378,18 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
         return Sentence(key="next_error")
     usable = [each for each in exports if not each.refused]
     if not usable and (missing := _missing(result, refused=bool(exports))) is not None:
-        return Sentence(key="next_runs", arguments={"runs": ", ".join(missing)}) if missing else Sentence(key="next_unknown")
+        return (
+            Sentence(key="next_runs", arguments={"runs": ", ".join(missing)})
+            if missing
+            else Sentence(key="next_unknown")
+        )
     if _all_refused(exports):
         return Sentence(key="next_refused", arguments={"control": exports[0].controller})
     if any(each.untested for each in usable):
-        return Sentence(key="next_sign_test", arguments={"control": next(each.controller for each in usable if each.untested)})
+        return Sentence(
+            key="next_sign_test",
+            arguments={"control": next(each.controller for each in usable if each.untested)},
+        )
     return Sentence(key="next_load" if usable else "next_export")
 
 

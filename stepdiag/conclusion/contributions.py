@@ -44,7 +44,13 @@ class Contribution:
 
 def contributions_of(result: Result) -> tuple[Contribution, ...]:
     """Return what is identified, the largest effect first; names decide between equals."""
-    found = [*_squareness(result), *_scales(result), *_functions(result), *_angles(result), *_reversals(result)]
+    found = [
+        *_squareness(result),
+        *_scales(result),
+        *_functions(result),
+        *_angles(result),
+        *_reversals(result),
+    ]
     return tuple(sorted(found, key=lambda one: (-one.effect_um, one.name)))
 
 
@@ -53,9 +59,15 @@ def _squareness(result: Result) -> Iterator[Contribution]:
         quantity, length = result.squareness[name], _length_mm(result.volume, axis)
         if quantity.value is not None:
             yield Contribution(
-                name=name, kind="squareness", axis=axis, value=quantity.value, unit="urad", length_mm=length,
-                effect_um=abs(quantity.value) * length * 1e-3, u_um=_times(quantity.u, length * 1e-3),
-            )  # fmt: skip
+                name=name,
+                kind="squareness",
+                axis=axis,
+                value=quantity.value,
+                unit="urad",
+                length_mm=length,
+                effect_um=abs(quantity.value) * length * 1e-3,
+                u_um=_times(quantity.u, length * 1e-3),
+            )
 
 
 def _scales(result: Result) -> Iterator[Contribution]:
@@ -63,13 +75,20 @@ def _scales(result: Result) -> Iterator[Contribution]:
         length = _length_mm(result.volume, axis)
         if scale.value is not None:
             yield Contribution(
-                name=f"scale {axis}", kind="scale", axis=axis, value=scale.value, unit="um/m", length_mm=length,
-                effect_um=abs(scale.value) * length * 1e-3, u_um=_times(scale.u, length * 1e-3),
-            )  # fmt: skip
+                name=f"scale {axis}",
+                kind="scale",
+                axis=axis,
+                value=scale.value,
+                unit="um/m",
+                length_mm=length,
+                effect_um=abs(scale.value) * length * 1e-3,
+                u_um=_times(scale.u, length * 1e-3),
+            )
 
 
 def _functions(result: Result) -> Iterator[Contribution]:
-    """Yield the shapes: end-point line removed, since the line is the scale's or the squareness's."""
+    """Yield the shapes: end-point line removed, since the line is the scale's or the
+    squareness's."""
     for name in DISPLACEMENTS:
         function = result.errors[name]
         if function.value is None:
@@ -77,9 +96,15 @@ def _functions(result: Result) -> Iterator[Contribution]:
         value, u = _range(function, _without_line(function))
         kind: Kind = "positioning" if name[1] == name[2] else "straightness"
         yield Contribution(
-            name=name, kind=kind, axis=name[2], value=value, unit="um", effect_um=value, u_um=u,
+            name=name,
+            kind=kind,
+            axis=name[2],
+            value=value,
+            unit="um",
+            effect_um=value,
+            u_um=u,
             length_mm=_length_mm(result.volume, name[2]),
-        )  # fmt: skip
+        )
 
 
 def _angles(result: Result) -> Iterator[Contribution]:
@@ -95,9 +120,15 @@ def _angles(result: Result) -> Iterator[Contribution]:
         value, u = _range(function, function.value)
         if lever_mm > 0:
             yield Contribution(
-                name=name, kind="angle", axis=name[2], value=value, unit="urad", length_mm=lever_mm,
-                effect_um=value * lever_mm * 1e-3, u_um=_times(u, lever_mm * 1e-3),
-            )  # fmt: skip
+                name=name,
+                kind="angle",
+                axis=name[2],
+                value=value,
+                unit="urad",
+                length_mm=lever_mm,
+                effect_um=value * lever_mm * 1e-3,
+                u_um=_times(u, lever_mm * 1e-3),
+            )
 
 
 def _reversals(result: Result) -> Iterator[Contribution]:
@@ -109,15 +140,25 @@ def _reversals(result: Result) -> Iterator[Contribution]:
         node = int(np.argmax(np.abs(function.value)))
         u = None if function.u is None else float(function.u[node])
         yield Contribution(
-            name=f"reversal {axis}", kind="reversal", axis=axis, value=float(function.value[node]), unit="um", u_um=u,
-            effect_um=abs(float(function.value[node])), length_mm=_length_mm(result.volume, axis),
-        )  # fmt: skip
+            name=f"reversal {axis}",
+            kind="reversal",
+            axis=axis,
+            value=float(function.value[node]),
+            unit="um",
+            u_um=u,
+            effect_um=abs(float(function.value[node])),
+            length_mm=_length_mm(result.volume, axis),
+        )
 
 
 def _without_line(function: Function) -> Vector:
     assert function.value is not None
-    at = (function.position_mm - function.position_mm[0]) / (function.position_mm[-1] - function.position_mm[0])
-    rest: Vector = function.value - function.value[0] - (function.value[-1] - function.value[0]) * at
+    at = (function.position_mm - function.position_mm[0]) / (
+        function.position_mm[-1] - function.position_mm[0]
+    )
+    rest: Vector = (
+        function.value - function.value[0] - (function.value[-1] - function.value[0]) * at
+    )
     return rest
 
 

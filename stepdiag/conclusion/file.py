@@ -1,4 +1,5 @@
-"""The conclusion as the file beside the result: words in every language and the figures behind them, same bytes for the same conclusion."""
+"""The conclusion as the file beside the result: words in every language and the figures behind
+them, same bytes for the same conclusion."""
 
 import json
 from collections.abc import Mapping
@@ -17,8 +18,11 @@ SECTIONS = ("reached", "verdict", "wrong", "unknown", "load", "next_step", "basi
 """The order in which a conclusion is read."""
 
 
-def conclusion_document(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return a conclusion as plain data: sentences in every language, the reach in um (k = 2), the ``field`` to be drawn."""
+def conclusion_document(
+    conclusion: Conclusion, field: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return a conclusion as plain data: sentences in every language, the reach in um (k = 2), the
+    ``field`` to be drawn."""
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -37,7 +41,10 @@ def conclusion_document(conclusion: Conclusion, field: Mapping[str, Any] | None 
 
 def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> str:
     """Return the JSON of a conclusion."""
-    return json.dumps(conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False) + "\n"
+    return (
+        json.dumps(conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False)
+        + "\n"
+    )
 
 
 def titles_of(language: Language) -> dict[str, str]:
@@ -49,16 +56,23 @@ def titles_of(language: Language) -> dict[str, str]:
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
     """Return section -> sentences of a conclusion's JSON."""
     # files of older programs hold no basis, those of surveys without a tolerance no verdict
-    return {section: [sentence[language] for sentence in document.get(section, [])] for section in SECTIONS}
+    return {
+        section: [sentence[language] for sentence in document.get(section, [])]
+        for section in SECTIONS
+    }
 
 
 def conclusion_in(folder: Path) -> dict[str, Any] | None:
-    """Return the JSON of the conclusion in a survey's folder; None where there is none that this program understands."""
+    """Return the JSON of the conclusion in a survey's folder; None where there is none that this
+    program understands."""
     try:
         document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    known = isinstance(document, dict) and (document.get("format"), document.get("version")) == (FORMAT, FORMAT_VERSION)
+    known = isinstance(document, dict) and (document.get("format"), document.get("version")) == (
+        FORMAT,
+        FORMAT_VERSION,
+    )
     return document if known else None
 
 
@@ -77,7 +91,11 @@ def _words(sentence: Sentence) -> dict[str, str]:
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items() if key != "within" or item is not None}
+        return {
+            key: _rounded(item)
+            for key, item in value.items()
+            if key != "within" or item is not None
+        }
     if isinstance(value, list | tuple):
         return [_rounded(item) for item in value]
     return steady(value, 4) if isinstance(value, float) else value

@@ -10,7 +10,8 @@ from stepdiag.exporters.safety.verify import Figures, grid_points_mm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """The volumetric error, rigid motion removed, before and after compensation: rms over the volume and its largest vector."""
+    """The volumetric error, rigid motion removed, before and after compensation: rms over the
+    volume and its largest vector."""
 
     rms_before: Interval
     largest_before: Interval
@@ -20,8 +21,16 @@ class Reach:
 
 def reach_of(predicted: Predicted) -> Reach:
     """Return the reach of a prediction."""
-    before, after = predicted.without_rigid_motion["before"], predicted.without_rigid_motion["after"]
-    return Reach(rms_before=before.rms_um, largest_before=before.largest_um, rms_after=after.rms_um, largest_after=after.largest_um)
+    before, after = (
+        predicted.without_rigid_motion["before"],
+        predicted.without_rigid_motion["after"],
+    )
+    return Reach(
+        rms_before=before.rms_um,
+        largest_before=before.largest_um,
+        rms_after=after.rms_um,
+        largest_after=after.largest_um,
+    )
 
 
 def reach_in(result: Result) -> Reach:
@@ -35,4 +44,7 @@ def _as_found(result: Result) -> Reach:
     points = grid_points_mm(result.volume)
     rest = without_rigid_motion(result.volume, points, error_field_um(result, points))
     found = Figures.of(rest)
-    return Reach(rms_before=Interval(value_um=found.rms_um), largest_before=Interval(value_um=found.largest_um))
+    return Reach(
+        rms_before=Interval(value_um=found.rms_um),
+        largest_before=Interval(value_um=found.largest_um),
+    )

@@ -13,7 +13,8 @@ SECTION = "conclusion"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sentence:
-    """``arguments`` are texts, messages or sentences; a number in a text has a decimal point, and a comma where the language has one."""
+    """``arguments`` are texts, messages or sentences; a number in a text has a decimal point, and a
+    comma where the language has one."""
 
     key: str
     arguments: "Mapping[str, Words | Sentence]" = field(default_factory=dict)
@@ -22,7 +23,9 @@ class Sentence:
 def render(sentence: Sentence, language: Language) -> str:
     """Return the sentence in words. Raises KeyError for a key that the catalogue lacks."""
     words = catalogue(SECTION, language)
-    return words[sentence.key].format(**{name: _argument(value, language) for name, value in sentence.arguments.items()})
+    return words[sentence.key].format(
+        **{name: _argument(value, language) for name, value in sentence.arguments.items()}
+    )
 
 
 def _argument(value: Words | Sentence, language: Language) -> str:

@@ -1,4 +1,5 @@
-"""The verdict about the machine's tolerances in sentences: as found, and as the files of an export leave it."""
+"""The verdict about the machine's tolerances in sentences: as found, and as the files of an export
+leave it."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,7 +27,12 @@ def judged_in(result: Result, exported: Reach | None = None) -> Conformity | Non
     With the files of an export the prediction covers their volume, and no single functions: a file
     may leave a function out.
     """
-    if result.conformity is None or exported is None or exported.rms_after is None or exported.largest_after is None:
+    if (
+        result.conformity is None
+        or exported is None
+        or exported.rms_after is None
+        or exported.largest_after is None
+    ):
         return result.conformity
     after = FieldFigures(rms_um=exported.rms_after, largest_um=exported.largest_after)
     if result.predicted is not None and after == result.predicted.without_rigid_motion["after"]:
@@ -35,12 +41,15 @@ def judged_in(result: Result, exported: Reach | None = None) -> Conformity | Non
 
 
 def verdict_sentences(found: Conformity | None) -> Iterator[Sentence]:
-    """Yield the verdict about the machine and about every figure, as found and predicted; none without a tolerance."""
+    """Yield the verdict about the machine and about every figure, as found and predicted; none
+    without a tolerance."""
     for state in STATES if found is not None else ():
         judged: tuple[Judged, ...] = getattr(found, state)
         if judged:
             verdict = together(one.verdict for one in judged)
-            yield Sentence(key=f"verdict_{state}", arguments={"verdict": Sentence(key=f"verdict_{verdict}")})
+            yield Sentence(
+                key=f"verdict_{state}", arguments={"verdict": Sentence(key=f"verdict_{verdict}")}
+            )
         yield from (_sentence(one) for one in judged)
 
 
@@ -64,13 +73,19 @@ def even_of(one: Judged) -> str:
     """Return a figure with an even interval as value and U, as in its table; empty for a skewed or
     unknown interval.
     """
-    if one.value is None or one.low is None or one.high is None or abs(one.low + one.high - 2.0 * one.value) > ROUNDING:
+    if (
+        one.value is None
+        or one.low is None
+        or one.high is None
+        or abs(one.low + one.high - 2.0 * one.value) > ROUNDING
+    ):
         return ""
     return with_expanded(one.value, (one.high - one.low) / 2.0).replace("-", "−")
 
 
 def interval_of(one: Judged) -> tuple[str, str]:
-    """Return the ends of the coverage interval as written everywhere; empty where they are not known."""
+    """Return the ends of the coverage interval as written everywhere; empty where they are not
+    known."""
     if one.low is None or one.high is None:
         return "", ""
     low, high = Interval(value_um=one.value or 0.0, low_um=one.low, high_um=one.high).shown()
@@ -85,7 +100,10 @@ def _quantity(one: Judged) -> Sentence:
         case "E" | "A":
             return Sentence(key="quantity_positioning", arguments={"symbol": kind, "run": of})
         case _:
-            return Sentence(key="quantity_range" if kind[0] == "E" else "quantity_squareness", arguments={"name": kind})
+            return Sentence(
+                key="quantity_range" if kind[0] == "E" else "quantity_squareness",
+                arguments={"name": kind},
+            )
 
 
 def quantity_words(one: Judged, language: Language) -> str:

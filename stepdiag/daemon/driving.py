@@ -9,16 +9,24 @@ from stepdiag.base.setups import setup_of
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.file import read_profile_text
-from stepdiag.exporters.programs import Program, Sequence, companion_files, default_signals, nc_programs
+from stepdiag.exporters.programs import (
+    Program,
+    Sequence,
+    companion_files,
+    default_signals,
+    nc_programs,
+)
 from stepdiag.exporters.programs.settings import program_section, travel_in
 
 
 def programs_of(
     survey: Survey, control: str, profile: Path | None, *, commission: bool = False
 ) -> tuple[tuple[Program, ...], tuple[ControlFile, ...]]:
-    """Return the NC programs of a survey and the files beside them; with ``commission`` those of the head alone, with the jogs.
+    """Return the NC programs of a survey and the files beside them; with ``commission`` those of
+    the head alone, with the jogs.
 
-    Raises as `nc_programs`, and UsageError where the head is to be commissioned and the plan has no run of it.
+    Raises as `nc_programs`, and UsageError where the head is to be commissioned and the plan has no
+    run of it.
     """
     defaults = default_signals(control)
     text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)
@@ -33,7 +41,11 @@ def programs_of(
     if commission:
         programs = tuple(each for each in programs if setup_of(each.setup).is_fourdof)
     if not programs:
-        raise UsageError("plan.setups", expected=message("run-of-head-in-plan"), found=", ".join(survey.plan.all_setups))
+        raise UsageError(
+            "plan.setups",
+            expected=message("run-of-head-in-plan"),
+            found=", ".join(survey.plan.all_setups),
+        )
     return programs, companion_files(control, survey.plc.host, survey.plc.tcp_port)
 
 

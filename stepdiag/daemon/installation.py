@@ -27,7 +27,11 @@ from stepdiag.page.settings import CERTIFICATE, KEY, TOKEN, is_loopback
 SURVEYS = Path("etc/stepdiag")
 UNITS = Path("etc/systemd/system")
 UNIT = "stepdiag@.service"
-PAGE, PAGE_SOCKET, ACCOUNTS = "stepdiag-page@.service", "stepdiag-page@.socket", "stepdiag.sysusers.conf"
+PAGE, PAGE_SOCKET, ACCOUNTS = (
+    "stepdiag-page@.service",
+    "stepdiag-page@.socket",
+    "stepdiag.sysusers.conf",
+)
 SHARED = {
     **{unit: UNITS / unit for unit in (UNIT, PAGE, PAGE_SOCKET)},
     ACCOUNTS: Path("etc/sysusers.d/stepdiag.conf"),
@@ -53,7 +57,8 @@ class Step:
 
 
 def plan_install(survey_file: Path, root: Path) -> list[Step]:
-    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
+    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is
+    wrong or stands elsewhere."""
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
     steps = [step for source, place in SHARED.items() for step in shared_steps(source, place, root)]
@@ -62,15 +67,22 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
     wanted = drop_ins(name, survey, Path("/") / SURVEYS)
     places = [_of(unit, name) for unit in (PAGE, PAGE_SOCKET)]
-    stale = [Step(root / place, "remove") for place in places if place not in wanted and (root / place).exists()]
+    stale = [
+        Step(root / place, "remove")
+        for place in places
+        if place not in wanted and (root / place).exists()
+    ]
     return [*steps, *stale, *(written(root / path, text) for path, text in wanted.items())]
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
-    """Return what is removed: the drop-in, and what all surveys share once no other is installed. Survey, token and data stay."""
+    """Return what is removed: the drop-in, and what all surveys share once no other is installed.
+    Survey, token and data stay."""
     name = name_of(survey_file, root)
     own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
-    others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path not in own]
+    others = [
+        path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path not in own
+    ]
     places = [*own, *([] if others else [root / place for place in SHARED.values()])]
     return [Step(path, "remove") for path in places if path.exists()]
 
@@ -81,18 +93,27 @@ def carry_out(steps: list[Step]) -> None:
         try:
             _do(step)
         except OSError as error:
-            raise UsageError(str(step.path), expected=message("writable-as-root"), found=system_words(error)) from error
+            raise UsageError(
+                str(step.path), expected=message("writable-as-root"), found=system_words(error)
+            ) from error
 
 
 def drop_ins(name: str, survey: Survey, folder: Path) -> dict[Path, str]:
-    """Return the drop-ins of a survey by their places: the recorder's devices; the page's addresses, and its credentials in ``folder``.
+    """Return the drop-ins of a survey by their places: the recorder's devices; the page's
+    addresses, and its credentials in ``folder``.
 
     Raises UsageError.
     """
     texts = {_of(UNIT, name): ("Service", _network(survey))}
     if survey.page.enabled or survey.metrics.enabled:
-        texts |= {_of(PAGE, name): ("Service", _credentials(survey, folder)), _of(PAGE_SOCKET, name): ("Socket", _addresses(survey))}
-    return {place: WRITTEN + f"[{section}]\n" + "".join(f"{line}\n" for line in lines) for place, (section, lines) in texts.items()}
+        texts |= {
+            _of(PAGE, name): ("Service", _credentials(survey, folder)),
+            _of(PAGE_SOCKET, name): ("Socket", _addresses(survey)),
+        }
+    return {
+        place: WRITTEN + f"[{section}]\n" + "".join(f"{line}\n" for line in lines)
+        for place, (section, lines) in texts.items()
+    }
 
 
 def _do(step: Step) -> None:
@@ -102,7 +123,11 @@ def _do(step: Step) -> None:
             write_atomically(step.path, step.text.encode())
             step.path.chmod(0o644)
         case "make secret":
-            with os.fdopen(os.open(step.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            with os.fdopen(
+                os.open(step.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600),
+                "w",
+                encoding="utf-8",
+            ) as file:
                 file.write(secrets.token_urlsafe(TOKEN_BYTES) + "\n")
         case "remove":
             step.path.unlink()
@@ -120,15 +145,22 @@ def written(path: Path, text: str) -> Step:
 
 
 def name_of(survey_file: Path, root: Path) -> str:
-    """Return the name of the instance. Raises UsageError for a file that the unit would not find."""
+    """Return the name of the instance. Raises UsageError for a file that the unit would not
+    find."""
     expected = root / SURVEYS
     name = survey_file.stem
     plain = name.isascii() and all(letter.isalnum() or letter in "._-" for letter in name)
-    if survey_file.suffix != ".toml" or survey_file.absolute().parent != expected.absolute() or not plain:
+    if (
+        survey_file.suffix != ".toml"
+        or survey_file.absolute().parent != expected.absolute()
+        or not plain
+    ):
         raise UsageError(
-            str(survey_file), expected=message("survey-file-there", folder=str(expected)),
-            found=str(survey_file.absolute()), remedy=message("copy-it-there"),
-        )  # fmt: skip
+            str(survey_file),
+            expected=message("survey-file-there", folder=str(expected)),
+            found=str(survey_file.absolute()),
+            remedy=message("copy-it-there"),
+        )
     return name
 
 
@@ -151,17 +183,35 @@ def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
 
 
 def shared(source: str, root: Path) -> str:
-    """Return a file for systemd as it came with this program, the unit with the places of this installation. Raises UsageError."""
-    for folder in (Path(sys.prefix) / "share/stepdiag/systemd", Path(str(files("stepdiag"))).parent / "systemd"):
+    """Return a file for systemd as it came with this program, the unit with the places of this
+    installation. Raises UsageError."""
+    for folder in (
+        Path(sys.prefix) / "share/stepdiag/systemd",
+        Path(str(files("stepdiag"))).parent / "systemd",
+    ):
         if (folder / source).is_file():
             text = (folder / source).read_text(encoding="utf-8")
-            return at_its_places(text, places_of_program(), reachable=root == Path("/")) if source.endswith(".service") else text
-    raise UsageError(source, expected=message("systemd-files"), found=message("none"), remedy=message("wheel-again"))
+            return (
+                at_its_places(text, places_of_program(), reachable=root == Path("/"))
+                if source.endswith(".service")
+                else text
+            )
+    raise UsageError(
+        source,
+        expected=message("systemd-files"),
+        found=message("none"),
+        remedy=message("wheel-again"),
+    )
 
 
 def _network(survey: Survey) -> Iterator[str]:
     """Allow the devices alone, or private networks where one has a name instead of an address."""
-    allowed = [each for host in _devices(survey) if not is_loopback(host) for each in address_of(host) or PRIVATE_NETWORKS]
+    allowed = [
+        each
+        for host in _devices(survey)
+        if not is_loopback(host)
+        for each in address_of(host) or PRIVATE_NETWORKS
+    ]
     yield "IPAddressAllow="
     yield from (f"IPAddressAllow={each}" for each in ("localhost", *dict.fromkeys(allowed)))
 
@@ -171,19 +221,24 @@ def _devices(survey: Survey) -> Iterator[str]:
     plc = survey.plc
     if plc.transport in ("tcp", "s7", "lsv2"):
         yield plc.host
-    instruments = [each.port for each in (survey.laser, survey.head, survey.air_sensor) if each is not None]
+    instruments = [
+        each.port for each in (survey.laser, survey.head, survey.air_sensor) if each is not None
+    ]
     ports = [*instruments, plc.serial_port * (plc.transport == "rtu")]
     yield from (line.host for line in map(network_line, ports) if line is not None)
 
 
 def _addresses(survey: Survey) -> Iterator[str]:
-    """Yield where page and metrics are reached, and from where: private networks, for what is bound beyond this computer."""
+    """Yield where page and metrics are reached, and from where: private networks, for what is bound
+    beyond this computer."""
     served = [each for each in (survey.page, survey.metrics) if each.enabled]
     yield "ListenStream="
     for each in served:
         (host,) = address_of("127.0.0.1" if each.host == "localhost" else each.host) or [""]
         if not host:
-            raise UsageError("page.host, metrics.host", expected=message("own-address"), found=repr(each.host))
+            raise UsageError(
+                "page.host, metrics.host", expected=message("own-address"), found=repr(each.host)
+            )
         yield f"ListenStream={f'[{host}]' if ':' in host else host}:{each.port}"
     if not all(is_loopback(each.host) for each in served):
         yield from (f"IPAddressAllow={each}" for each in PRIVATE_NETWORKS)
@@ -195,7 +250,9 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
         if not file:
             continue
         if not all(letter.isalnum() or letter in "._-/" for letter in file):
-            raise UsageError(message("file-for", name=name), expected=message("name-plain"), found=repr(file))
+            raise UsageError(
+                message("file-for", name=name), expected=message("name-plain"), found=repr(file)
+            )
         yield f"LoadCredential={name}:{folder / file}"
 
 

@@ -10,7 +10,8 @@ import structlog
 
 
 def configure(*, verbose: bool = False) -> None:
-    """Set up structlog: readable at a terminal, one JSON object a line elsewhere (systemd, a file)."""
+    """Set up structlog: readable at a terminal, one JSON object a line elsewhere (systemd, a
+    file)."""
     level = logging.DEBUG if verbose else logging.INFO
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
@@ -21,7 +22,10 @@ def configure(*, verbose: bool = False) -> None:
         shared.append(structlog.dev.ConsoleRenderer())
         factory: object = structlog.PrintLoggerFactory(sys.stderr)
     else:
-        shared += [structlog.processors.format_exc_info, structlog.processors.JSONRenderer(serializer=_encode)]
+        shared += [
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(serializer=_encode),
+        ]
         factory = structlog.BytesLoggerFactory(sys.stderr.buffer)
     structlog.configure(
         processors=shared,

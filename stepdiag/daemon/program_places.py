@@ -30,7 +30,12 @@ def places_of_program() -> list[Path]:
     """Return the folders that hold the environment, its Python and the package, outermost alone,
     the system's folders left out.
     """
-    found = [Path(sys.prefix), Path(sys.base_prefix), Path(str(files("stepdiag"))).parent, *_homes_of(Path(sys.executable))]
+    found = [
+        Path(sys.prefix),
+        Path(sys.base_prefix),
+        Path(str(files("stepdiag"))).parent,
+        *_homes_of(Path(sys.executable)),
+    ]
     every = sorted({place for each in found for place in (each, each.resolve()) if _is_own(place)})
     return [place for place in every if not set(place.parents) & set(every)]
 
@@ -45,7 +50,9 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
         if reachable:
             _assert_read_by_all(place)
     bound = f"BindReadOnlyPaths={' '.join(map(str, places))}"
-    unit = unit.replace(f"BindReadOnlyPaths={PACKAGED}", bound).replace(f"{PACKAGED}/bin", f"{sys.prefix}/bin")
+    unit = unit.replace(f"BindReadOnlyPaths={PACKAGED}", bound).replace(
+        f"{PACKAGED}/bin", f"{sys.prefix}/bin"
+    )
     if any(set(place.parents) & set(HOMES) for place in places):
         # empty but for what is bound there: `yes` would hide that too
         unit = unit.replace("ProtectHome=yes", "ProtectHome=tmpfs")
@@ -53,7 +60,8 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
 
 
 def _is_own(place: Path) -> bool:
-    """Return whether a place is neither the system's nor the whole disk: /bin/python3 is a way to /usr/bin, and its folder stands in /."""
+    """Return whether a place is neither the system's nor the whole disk: /bin/python3 is a way to
+    /usr/bin, and its folder stands in /."""
     return SYSTEM not in (place, *place.parents) and place != place.parent
 
 
@@ -75,32 +83,48 @@ def _homes_of(executable: Path) -> Iterator[Path]:
 def _assert_plain(place: Path) -> None:
     if not re.fullmatch(r"[\w./@+-]+", str(place), re.ASCII):
         raise UsageError(
-            message("programs-place"), expected=message("letters-and", signs="./@+-_"), found=repr(str(place)),
+            message("programs-place"),
+            expected=message("letters-and", signs="./@+-_"),
+            found=repr(str(place)),
             remedy=message("install-to-opt"),
-        )  # fmt: skip
+        )
 
 
 def _assert_no_home(place: Path) -> None:
     """A link to a Python directly in a home would open this whole home to the service."""
-    if place == Path("/root") or place.parent == Path("/home") or place.parent == Path("/run/user") or place in HOMES:
+    if (
+        place == Path("/root")
+        or place.parent == Path("/home")
+        or place.parent == Path("/run/user")
+        or place in HOMES
+    ):
         raise UsageError(
-            message("programs-place"), expected=message("folder-of-its-own"),
+            message("programs-place"),
+            expected=message("folder-of-its-own"),
             found=str(place),
             remedy=message("install-with-python"),
-        )  # fmt: skip
+        )
 
 
 def _assert_read_by_all(place: Path) -> None:
-    """The service runs as an account of its own; folders above do not count, since a bound place is entered without them."""
+    """The service runs as an account of its own; folders above do not count, since a bound place is
+    entered without them."""
     place = place.resolve()  # not every chmod follows a link
     closed = next(
-        (each for each in (place, *sorted(place.glob("bin")), *sorted(place.glob("bin/python*"))) if not _read_by_all(each)), None
+        (
+            each
+            for each in (place, *sorted(place.glob("bin")), *sorted(place.glob("bin/python*")))
+            if not _read_by_all(each)
+        ),
+        None,
     )
     if closed is not None:
         raise UsageError(
-            str(closed), expected=message("readable-by-service"), found=message("closed-to-others"),
+            str(closed),
+            expected=message("readable-by-service"),
+            found=message("closed-to-others"),
             remedy=message("open-to-others", place=str(place)),
-        )  # fmt: skip
+        )
 
 
 def _read_by_all(place: Path) -> bool:

@@ -56,7 +56,8 @@ class Publication:
 
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
-    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
+    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is
+    wrong or stands elsewhere."""
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)
@@ -64,25 +65,38 @@ def plan_publication(survey_file: Path, root: Path, publication: Publication) ->
 
 
 def plan_end(survey_file: Path, root: Path) -> list[Step]:
-    """Return what is removed: the drop-in, and the unit once no other survey is published. Secrets stay."""
+    """Return what is removed: the drop-in, and the unit once no other survey is published. Secrets
+    stay."""
     own = root / _drop_in(name_of(survey_file, root))
-    others = [path for path in (root / UNITS).glob(f"stepdiag-publish@*.service.d/{DROP_IN}") if path != own]
-    return [Step(path, "remove") for path in (own, *([] if others else [root / UNITS / UNIT])) if path.exists()]
+    others = [
+        path
+        for path in (root / UNITS).glob(f"stepdiag-publish@*.service.d/{DROP_IN}")
+        if path != own
+    ]
+    return [
+        Step(path, "remove")
+        for path in (own, *([] if others else [root / UNITS / UNIT]))
+        if path.exists()
+    ]
 
 
 def drop_in(name: str, folder: Path, publication: Publication) -> str:
-    """Return the drop-in; the secrets that stand in ``folder`` as NAME.mqtt-user and the like become credentials. Raises UsageError."""
+    """Return the drop-in; the secrets that stand in ``folder`` as NAME.mqtt-user and the like
+    become credentials. Raises UsageError."""
     host, port = _address(publication)
     lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
     lines += [f"IPAddressAllow={each}" for each in ("localhost", *_reached(host, publication))]
     lines += [f"SocketBindAllow=tcp:{port}"] * bool(publication.opcua)
     there = credentials(name, folder, publication)
-    lines += [f"LoadCredential={each}:/{SURVEYS}/{name}.{each}" for each, found in there.items() if found]
+    lines += [
+        f"LoadCredential={each}:/{SURVEYS}/{name}.{each}" for each, found in there.items() if found
+    ]
     return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in lines)
 
 
 def credentials(name: str, folder: Path, publication: Publication) -> dict[str, bool]:
-    """Return whether each secret stands in ``folder``. Raises UsageError for one of user and password alone."""
+    """Return whether each secret stands in ``folder``. Raises UsageError for one of user and
+    password alone."""
     there = {each: (folder / f"{name}.{each}").is_file() for each in publication.secrets}
     user, password = publication.who
     if there[user] != there[password]:
@@ -98,11 +112,21 @@ def credentials(name: str, folder: Path, publication: Publication) -> dict[str, 
 def _words(publication: Publication) -> str:
     """Return the options as they stand in the unit, between quotes."""
     files = {"ca": publication.ca, "certificate": publication.certificate}
-    places = {option: Path(os.path.normpath(path)) for option, path in files.items() if path is not None}
-    given: dict[str, str | Path] = {"broker": publication.broker, "opcua": publication.opcua, **places}
+    places = {
+        option: Path(os.path.normpath(path)) for option, path in files.items() if path is not None
+    }
+    given: dict[str, str | Path] = {
+        "broker": publication.broker,
+        "opcua": publication.opcua,
+        **places,
+    }
     for option, value in given.items():
         if str(value) and not _PLAIN.fullmatch(str(value)):
-            raise UsageError(f"--{option}", expected=message("letters-and", signs="._:/@[]-"), found=repr(str(value)))
+            raise UsageError(
+                f"--{option}",
+                expected=message("letters-and", signs="._:/@[]-"),
+                found=repr(str(value)),
+            )
         if isinstance(value, Path) and Path("/etc") not in value.parents:
             raise UsageError(f"--{option}", expected=message("file-below-etc"), found=str(value))
     words = [f"--{option} {value}" for option, value in given.items() if value]
@@ -110,7 +134,9 @@ def _words(publication: Publication) -> str:
 
 
 def _address(publication: Publication) -> tuple[str, int]:
-    option, text = ("--broker", publication.broker) if publication.broker else ("--opcua", publication.opcua)
+    option, text = (
+        ("--broker", publication.broker) if publication.broker else ("--opcua", publication.opcua)
+    )
     return require_host_and_port(option, text, publication.port)
 
 

@@ -1,4 +1,5 @@
-"""A replay beside what the live run wrote: the same bytes, the same but for a tenth of a nanometre (another processor), or which differ."""
+"""A replay beside what the live run wrote: the same bytes, the same but for a tenth of a nanometre
+(another processor), or which differ."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -55,7 +56,9 @@ class Compared:
             yield message("replay-missing", names=self.missing)
 
 
-def replay_and_compare(paths: Sequence[Path], out: Path | None, survey_file: Path | None = None) -> Compared:
+def replay_and_compare(
+    paths: Sequence[Path], out: Path | None, survey_file: Path | None = None
+) -> Compared:
     """Complete a survey from its logs into ``out`` and compare every file with the file beside the
     logs.
 
@@ -66,17 +69,31 @@ def replay_and_compare(paths: Sequence[Path], out: Path | None, survey_file: Pat
     target = live / "replay" if out is None else out
     done = complete(logs, target, survey_file)
     write_completed_report(done)
-    written = [target / RESULT, target / READINGS, target / CONCLUSION, target / "report.html", *sorted((target / EXPORTS).rglob("*"))]
+    written = [
+        target / RESULT,
+        target / READINGS,
+        target / CONCLUSION,
+        target / "report.html",
+        *sorted((target / EXPORTS).rglob("*")),
+    ]
     names = [path.relative_to(target) for path in written if path.is_file()]
-    verdicts: dict[str, list[str]] = {"identical": [], "rounded": [], "different": [], "missing": []}
+    verdicts: dict[str, list[str]] = {
+        "identical": [],
+        "rounded": [],
+        "different": [],
+        "missing": [],
+    }
     for name in names:  # the result comes first: the hashes of others follow from it
-        verdict = _verdict(live / name, (target / name).read_bytes(), rounded=bool(verdicts["rounded"]))
+        verdict = _verdict(
+            live / name, (target / name).read_bytes(), rounded=bool(verdicts["rounded"])
+        )
         verdicts[verdict].append(str(name))
     return Compared(target, live, **{verdict: tuple(found) for verdict, found in verdicts.items()})
 
 
 def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:
-    """Return what a file is beside the live run's; ``rounded``: an earlier one was the same but for a last digit."""
+    """Return what a file is beside the live run's; ``rounded``: an earlier one was the same but for
+    a last digit."""
     if not other.is_file():
         return "missing"
     before = other.read_bytes()
@@ -84,16 +101,25 @@ def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:
         return "identical"
     if other.name == RESULT:
         return "rounded" if same_result(before, again) else "different"
-    return "rounded" if rounded and other.name != READINGS and _same_but_for_last_digits(before, again) else "different"
+    return (
+        "rounded"
+        if rounded and other.name != READINGS and _same_but_for_last_digits(before, again)
+        else "different"
+    )
 
 
 def _same_but_for_last_digits(before: bytes, again: bytes) -> bool:
     one, other = _FOLLOWS.sub(b"", before), _FOLLOWS.sub(b"", again)
     if _NUMBER.sub(b"", one) != _NUMBER.sub(b"", other):
         return False
-    return all(_same_but_for_last_digit(*pair) for pair in zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True))
+    return all(
+        _same_but_for_last_digit(*pair)
+        for pair in zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True)
+    )
 
 
 def _same_but_for_last_digit(one: re.Match[bytes], other: re.Match[bytes]) -> bool:
     decimals = max(len(found[1] or b"") for found in (one, other))
-    return one[0] == other[0] or (decimals > 0 and abs(float(one[0]) - float(other[0])) < 1.5 * 10.0**-decimals)
+    return one[0] == other[0] or (
+        decimals > 0 and abs(float(one[0]) - float(other[0])) < 1.5 * 10.0**-decimals
+    )

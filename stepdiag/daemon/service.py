@@ -37,7 +37,8 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     """Record surveys, solve and export each when its last pass is in, until the end of the process.
     Raises as `serve` does.
     """
-    gc.disable()  # a tenth of the start would be spent on looking for garbage in what is being imported
+    # a tenth of the start would be spent on looking for garbage in what is being imported
+    gc.disable()
     sys.setswitchinterval(GIVE_WAY_S)
     import asyncio
 
@@ -46,10 +47,18 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     configure(verbose=verbose)
     again = (sys.executable, "-P", "-m", "stepdiag")  # not what lies in the working directory
     ahead = (*again, "next", str(survey_file), "--note")
-    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack"), ahead=ahead))
+    asyncio.run(
+        serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack"), ahead=ahead)
+    )
 
 
-async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = (), ahead: Sequence[str] = ()) -> None:
+async def serve(
+    survey_file: Path,
+    *,
+    completion: Sequence[str],
+    archiving: Sequence[str] = (),
+    ahead: Sequence[str] = (),
+) -> None:
     """Run the daemon of a survey file until its end, with page and metrics in a process beside it,
     by the settings of the file.
 
@@ -82,7 +91,9 @@ def _say_what_hides(survey: "Survey") -> None:
     from stepdiag.completion.foreseen import hidden_slip
 
     for found in hidden_slip(survey):
-        structlog.get_logger("service").info("finding", code=found.code, severity=found.severity, text=str(found.words))
+        structlog.get_logger("service").info(
+            "finding", code=found.code, severity=found.severity, text=str(found.words)
+        )
 
 
 def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
@@ -106,7 +117,8 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
 
 
 def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManager[None]":
-    """Serve the page's unit, which has an account and addresses of its own. Raises UsageError where the system lacks that account."""
+    """Serve the page's unit, which has an account and addresses of its own. Raises UsageError where
+    the system lacks that account."""
     import pwd
 
     from stepdiag.page.keeper import page_served
@@ -115,7 +127,9 @@ def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManage
         account = pwd.getpwnam(PAGE_ACCOUNT).pw_uid
     except KeyError:
         remedy = message("run-command", command="systemd-sysusers")
-        raise UsageError(PAGE_ACCOUNT, expected=message("account-of-page"), found=message("none"), remedy=remedy) from None
+        raise UsageError(
+            PAGE_ACCOUNT, expected=message("account-of-page"), found=message("none"), remedy=remedy
+        ) from None
     return page_served(path, account, daemon.status_source, daemon.status_source.figures)
 
 
@@ -133,9 +147,15 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
     listeners = Listeners.opened(page, metrics)
     if listeners.page is not None:
         address = address_of(listeners.page, "https" if settings.certificate else "http")
-        log.info("page", address=address, commands="with token" if settings.token else "none: read only")
+        log.info(
+            "page", address=address, commands="with token" if settings.token else "none: read only"
+        )
         if in_the_clear(page, settings):
-            log.warning("page-in-the-clear", address=address, token="sent in the clear" if settings.token else "none")
+            log.warning(
+                "page-in-the-clear",
+                address=address,
+                token="sent in the clear" if settings.token else "none",
+            )
     if listeners.metrics is not None:
         log.info("metrics", address=f"{address_of(listeners.metrics)}/metrics")
     async with page_kept(daemon.status_source, settings, listeners, daemon.status_source.figures):
@@ -146,7 +166,9 @@ def _programs(survey: "Survey") -> dict[str, str]:
     """Return the name of the NC program of each setup, for the survey's first control with
     programs.
     """
-    named = [each.controller for each in survey.exports] + ([survey.proof.controller] if survey.proof is not None else [])
+    named = [each.controller for each in survey.exports] + (
+        [survey.proof.controller] if survey.proof is not None else []
+    )
     if not named:
         return {}
     from stepdiag.daemon.driving import sequence_of

@@ -82,9 +82,11 @@ class Standing:
 
 
 def standing_of(path: Path) -> Standing:
-    """Return how the survey of a survey file stands, or the survey recorded in a folder (its own, or one round's).
+    """Return how the survey of a survey file stands, or the survey recorded in a folder (its own,
+    or one round's).
 
-    Raises UsageError for a folder without a recording, DataError where none of its logs can be read.
+    Raises UsageError for a folder without a recording, DataError where none of its logs can be
+    read.
     """
     if not path.is_dir():
         survey = load_survey(path)
@@ -95,7 +97,12 @@ def standing_of(path: Path) -> Standing:
     last = rounds[-1] if rounds else path
     if not logs_in(last):
         remedy = message("name-survey")
-        raise UsageError(str(path), expected=message("folder-with", what=message("logs-mcap")), found=message("none"), remedy=remedy)
+        raise UsageError(
+            str(path),
+            expected=message("folder-with", what=message("logs-mcap")),
+            found=message("none"),
+            remedy=remedy,
+        )
     return _standing(path if rounds else path.parent, last, None, "")
 
 
@@ -105,7 +112,11 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     recorded, readable, logs = _read(paths)
     recorded = text_of(readable[0].parent, readable) if readable else recorded
     changed = bool(text and recorded and not extends(text, recorded))
-    known = survey if not recorded or (text and not changed) else parse_survey(recorded, f"{paths[0].name}: survey.toml")
+    known = (
+        survey
+        if not recorded or (text and not changed)
+        else parse_survey(recorded, f"{paths[0].name}: survey.toml")
+    )
     if known is None:
         raise DataError(
             str(last),
@@ -154,11 +165,18 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
             own = open_log(path).header.survey_text
             if text and not extends(text, own) and drives_otherwise(text, own):
                 raise DataError(
-                    str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
+                    str(path),
+                    expected=message("log-of-this-survey"),
+                    found=message("another-one"),
+                    remedy=message("does-not-count"),
                 )
             found = noted_in(path)
         except DataError as error:
-            trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
+            trouble = (
+                message("with-remedy", found=error.found, remedy=error.remedy)
+                if error.remedy
+                else error.found
+            )
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
         text = own if not text or extends(own, text) else text

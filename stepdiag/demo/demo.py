@@ -18,7 +18,16 @@ from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_in
-from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
+from stepdiag.demo.files import (
+    INCREMENTS,
+    PASSES,
+    SETUPS,
+    SIZE_MM,
+    write_angles,
+    write_bench,
+    write_profiles,
+    write_survey,
+)
 from stepdiag.demo.operator import Operator, daemon, words
 from stepdiag.demo.operator import bench as running
 from stepdiag.demo.processes import Talker
@@ -35,7 +44,8 @@ Progress = Callable[[Message, int, int], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Errors of the tool anywhere in the volume, as the product takes it (um, rigid motion removed), and along a face diagonal.
+    """Errors of the tool anywhere in the volume, as the product takes it (um, rigid motion
+    removed), and along a face diagonal.
 
     ``face_diagonal_um`` is the widest range of the deviation along one of six.
     """
@@ -100,11 +110,25 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
     seconds = time.monotonic() - began
     progress(message("demo-verifying"), 1, 1)
     before = verify(bench, None, ())
-    after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
+    after = {
+        control: verify(bench, control, _files(round_folder, control))
+        for control in ("siemens", "fanuc")
+    }
     result = parse_result(read_text(round_folder / "result.json"), "result.json")
-    reach = {str(form.name): verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
+    reach = {
+        str(form.name): verify(bench, form.control, files)
+        for form, files in exported(folder / "reach", result)
+    }
     promises = promises_of(result, before.rms_um, reach[str(WHOLE_FIELD)].rms_um)
-    return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)
+    return Demonstrated(
+        folder=folder,
+        round=round_folder,
+        before=before,
+        after=after,
+        reach=reach,
+        promises=promises,
+        seconds=seconds,
+    )
 
 
 def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
@@ -112,8 +136,15 @@ def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Prom
     beside the true rms errors in um.
     """
     reach = reach_in(result)
-    found = ((message("as-it-is"), reach.rms_before, before_um), (WHOLE_FIELD, reach.rms_after, whole_um))
-    return tuple(Promise(of=of, stated=stated, true_um=true_um) for of, stated, true_um in found if stated is not None)
+    found = (
+        (message("as-it-is"), reach.rms_before, before_um),
+        (WHOLE_FIELD, reach.rms_after, whole_um),
+    )
+    return tuple(
+        Promise(of=of, stated=stated, true_um=true_um)
+        for of, stated, true_um in found
+        if stated is not None
+    )
 
 
 def empty_folder(folder: Path) -> None:
@@ -121,11 +152,17 @@ def empty_folder(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         remedy = message("name-with-out")
-        raise UsageError(str(folder), expected=message("folder-without-files"), found=message("folder-with-files"), remedy=remedy)
+        raise UsageError(
+            str(folder),
+            expected=message("folder-without-files"),
+            found=message("folder-with-files"),
+            remedy=remedy,
+        )
 
 
 def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:
-    """Return the true errors of the virtual machine with compensation files loaded by the control's law (None: as it is)."""
+    """Return the true errors of the virtual machine with compensation files loaded by the control's
+    law (None: as it is)."""
     config = read_config(bench)
     if control is not None:
         loaded = CompensationPart(control=control, files=tuple(str(file) for file in files))
@@ -136,11 +173,16 @@ def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figur
     left = without_rigid_motion(volume, points, machine.error_at(points))
     length = np.linalg.norm(left, axis=1)
     widest = max(_diagonal_range_um(machine.error_at, *ends) for ends in _face_diagonals())
-    return Figures(rms_um=float(np.sqrt(np.mean(length**2))), largest_um=float(length.max()), face_diagonal_um=widest)
+    return Figures(
+        rms_um=float(np.sqrt(np.mean(length**2))),
+        largest_um=float(length.max()),
+        face_diagonal_um=widest,
+    )
 
 
 def _diagonal_range_um(error_at: Callable[[Vector], Vector], start: Vector, end: Vector) -> float:
-    """Return the range of the deviation along a line, as a laser with a retroreflector would see it."""
+    """Return the range of the deviation along a line, as a laser with a retroreflector would see
+    it."""
     points = start + np.linspace(0.0, 1.0, LINE_POINTS)[:, None] * (end - start)
     along = error_at(points) @ ((end - start) / np.linalg.norm(end - start))
     return float(np.ptp(along - along[0]))
@@ -160,21 +202,41 @@ def _files(round_folder: Path, control: str) -> list[Path]:
     folder = round_folder / "exports" / control
     refused = folder / "REFUSED.txt"
     if refused.exists():
-        raise DataError(str(folder), expected=message("compensation-files"), found=refused.read_text(encoding="utf-8").strip())
-    listed = [line.split("  ", 1)[1].strip() for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()]
-    return [folder / name for name in listed if "_RESTORE" not in name and not name.endswith((".txt", ".MPF"))]
+        raise DataError(
+            str(folder),
+            expected=message("compensation-files"),
+            found=refused.read_text(encoding="utf-8").strip(),
+        )
+    listed = [
+        line.split("  ", 1)[1].strip()
+        for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    ]
+    return [
+        folder / name
+        for name in listed
+        if "_RESTORE" not in name and not name.endswith((".txt", ".MPF"))
+    ]
 
 
 def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -> Path:
     """Have the survey driven until it is complete; return the folder of its logs."""
-    total = sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS) * PASSES
+    total = (
+        sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS)
+        * PASSES
+    )
     seen: set[tuple[str, str, str]] = set()
     for event in words(Operator(hall, survey), recording):
         if event["event"] == "stop":
             seen.add((event["setup"], event["outward"], event["stop"]))
-            progress(message("demo-out" if event["outward"] else "demo-back", setup=event["setup"]), len(seen), total)
+            progress(
+                message("demo-out" if event["outward"] else "demo-back", setup=event["setup"]),
+                len(seen),
+                total,
+            )
         elif event["event"] == "survey-open" and "exit_code" in event:
-            raise DataError(event["folder"], expected=message("solvable-survey"), found=event["reason"])
+            raise DataError(
+                event["folder"], expected=message("solvable-survey"), found=event["reason"]
+            )
         elif event["event"] == "survey-complete":
             return Path(event["folder"])
         elif event["event"] == "pass-ended" and len(seen) >= total:

@@ -1,4 +1,5 @@
-"""The files the demo starts from: the virtual machine, the survey, and the profiles of two controls."""
+"""The files the demo starts from: the virtual machine, the survey, and the profiles of two
+controls."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -162,7 +163,9 @@ reference_point = 81
 """
 
 
-_FOURS = [first + 10 * one + point for first in (5731, 5761) for one in range(3) for point in range(4)]
+_FOURS = [
+    first + 10 * one + point for first in (5731, 5761) for one in range(3) for point in range(4)
+]
 _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
 """The parameters of straightness compensation, for the virtual control only."""
 
@@ -187,78 +190,140 @@ WATCHED = Pace(machine_s=2.0, dwell_s=1.2, settle_s=0.15, min_window_s=0.4)
 def write_bench(folder: Path, seed: int, pace: Pace = FAST) -> Path:
     """Write the virtual machine's file and return its path."""
     dwell = pace.dwell_s * pace.machine_s
-    bench = _BENCH.format(seed=seed, n=INCREMENTS, setups=_quoted(), passes=PASSES, scale=pace.machine_s, dwell=dwell, mirror=0.2)
+    bench = _BENCH.format(
+        seed=seed,
+        n=INCREMENTS,
+        setups=_quoted(),
+        passes=PASSES,
+        scale=pace.machine_s,
+        dwell=dwell,
+        mirror=0.2,
+    )
     return _write(folder / "machine.toml", bench)
 
 
-def write_survey(folder: Path, plc_port: str, laser_link: str, *, pace: Pace = FAST, page: str = "enabled = false") -> Path:
-    """Write the survey file for devices at these addresses and return its path; ``page`` is what stands in its section."""
+def write_survey(
+    folder: Path,
+    plc_port: str,
+    laser_link: str,
+    *,
+    pace: Pace = FAST,
+    page: str = "enabled = false",
+) -> Path:
+    """Write the survey file for devices at these addresses and return its path; ``page`` is what
+    stands in its section."""
     survey = _SURVEY.format(
-        n=INCREMENTS, setups=_quoted(), laser=laser_link, port=plc_port, page=page,
-        dwell=pace.dwell_s, settle=pace.settle_s, window=pace.min_window_s,
-    )  # fmt: skip
+        n=INCREMENTS,
+        setups=_quoted(),
+        laser=laser_link,
+        port=plc_port,
+        page=page,
+        dwell=pace.dwell_s,
+        settle=pace.settle_s,
+        window=pace.min_window_s,
+    )
     return _write(folder / "survey.toml", survey)
 
 
 def write_angles(folder: Path, bench: Path, seed: int) -> None:
-    """Write the angles file of an autocollimator that measured every axis at the stops, good to `U_ANGLE_URAD`."""
+    """Write the angles file of an autocollimator that measured every axis at the stops, good to
+    `U_ANGLE_URAD`."""
     truth, rng = build_machine(read_config(bench)).truth(INCREMENTS), np.random.default_rng(seed)
     rows = ["axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad"]
     for letter in "XYZ":
-        seen = [truth.errors[f"E{turn}{letter}"] + rng.normal(0.0, U_ANGLE_URAD, INCREMENTS + 1) for turn in "ABC"]
+        seen = [
+            truth.errors[f"E{turn}{letter}"] + rng.normal(0.0, U_ANGLE_URAD, INCREMENTS + 1)
+            for turn in "ABC"
+        ]
         for index, at in enumerate(truth.position_mm[letter]):
-            rows.append(f"{letter.lower()},{at:g}," + ",".join(f"{one[index] - one[0]:.3f}" for one in seen) + f",{U_ANGLE_URAD:g}")
+            rows.append(
+                f"{letter.lower()},{at:g},"
+                + ",".join(f"{one[index] - one[0]:.3f}" for one in seen)
+                + f",{U_ANGLE_URAD:g}"
+            )
     _write(folder / "angles.csv", "\n".join([*rows, ""]))
 
 
 def write_profiles(folder: Path) -> None:
-    """Write the profiles of both controls, and what the FANUC control punches out before anything is compensated."""
-    (folder / "PITCH.TXT").write_bytes(_punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)]))
+    """Write the profiles of both controls, and what the FANUC control punches out before anything
+    is compensated."""
+    (folder / "PITCH.TXT").write_bytes(
+        _punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)])
+    )
     (folder / "CNCPARAM.TXT").write_bytes(_punch(_parameters()))
     _write(folder / "siemens.toml", siemens_profile())
     _write(folder / "fanuc.toml", fanuc_profile())
 
 
 def siemens_profile(*, functions: str = "", products: bool = False, held: int | None = None) -> str:
-    """Return the profile of a SINUMERIK: nine tables, or those ``functions``, with products within ``held`` CEC tables."""
+    """Return the profile of a SINUMERIK: nine tables, or those ``functions``, with products within
+    ``held`` CEC tables."""
     chosen = f"functions = {functions}" if functions else ""
     section = "\n[siemens]\nmeasuring_system = 1\n" + ("products = true\n" if products else "")
     section += "" if held is None else f"cec_tables_held = {held}\n"
-    return _MACHINE.format(controller="siemens", existing=chosen) + _AXES.format(x="AX1", y="AX2", z="AX3") + section
+    return (
+        _MACHINE.format(controller="siemens", existing=chosen)
+        + _AXES.format(x="AX1", y="AX2", z="AX3")
+        + section
+    )
 
 
 def fanuc_profile(*, straightness: bool = False) -> str:
-    """Return the profile of a FANUC control: stored pitch error, and straightness where it has the option."""
+    """Return the profile of a FANUC control: stored pitch error, and straightness where it has the
+    option."""
     own = 'existing = ["PITCH.TXT", "CNCPARAM.TXT"]'
     unit = "detection_unit_um = 1.0"
-    section = _FANUC.replace(unit, f"{unit}\nstraightness_option = true") if straightness else _FANUC
-    return _MACHINE.format(controller="fanuc", existing=own) + _AXES.format(x="X", y="Y", z="Z") + section
+    section = (
+        _FANUC.replace(unit, f"{unit}\nstraightness_option = true") if straightness else _FANUC
+    )
+    return (
+        _MACHINE.format(controller="fanuc", existing=own)
+        + _AXES.format(x="X", y="Y", z="Z")
+        + section
+    )
 
 
 def beckhoff_profile(chain: str) -> str:
     """Return the profile of a Beckhoff or ISG with volumetric compensation and angles."""
-    section = f'\n[beckhoff]\nway = "volumetric"\naxis_numbers = {{ X = 1, Y = 2, Z = 3 }}\nchain = "{chain}"\n'
-    return _MACHINE.format(controller="beckhoff", existing="") + _AXES.format(x="X", y="Y", z="Z") + section
+    section = (
+        f'\n[beckhoff]\nway = "volumetric"\naxis_numbers = {{ X = 1, Y = 2, Z = 3 }}\nchain = '
+        f'"{chain}"\n'
+    )
+    return (
+        _MACHINE.format(controller="beckhoff", existing="")
+        + _AXES.format(x="X", y="Y", z="Z")
+        + section
+    )
 
 
 def heidenhain_profile(chain: str) -> str:
     """Return the profile of an iTNC 530 with KinematicsComp."""
     section = f'\n[heidenhain]\ngeneration = "itnc530"\nchain = "{chain}"\n'
-    return _MACHINE.format(controller="heidenhain", existing="") + _AXES.format(x="X", y="Y", z="Z") + section
+    return (
+        _MACHINE.format(controller="heidenhain", existing="")
+        + _AXES.format(x="X", y="Y", z="Z")
+        + section
+    )
 
 
 def linuxcnc_profile() -> str:
     """Return the profile of a LinuxCNC with the kinematics component."""
     section = '\n[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\nway = "kinematics"\n'
-    return _MACHINE.format(controller="linuxcnc", existing="") + _AXES.format(x="X", y="Y", z="Z") + section
+    return (
+        _MACHINE.format(controller="linuxcnc", existing="")
+        + _AXES.format(x="X", y="Y", z="Z")
+        + section
+    )
 
 
 def _parameters() -> list[str]:
-    """Return the compensation parameters of a FANUC control as it was delivered: switched on, no range set."""
+    """Return the compensation parameters of a FANUC control as it was delivered: switched on, no
+    range set."""
     axes = (1, 2, 3)
     zero = "".join(f"A{axis}P0" for axis in axes)
     return [
-        "N01020Q1" + "".join(f"A{axis}P{code}" for axis, code in zip(axes, (88, 89, 90), strict=True)),
+        "N01020Q1"
+        + "".join(f"A{axis}P{code}" for axis, code in zip(axes, (88, 89, 90), strict=True)),
         *(f"N{number:05d}Q1{zero}" for number in (3620, 3621, 3622, 3623)),
         "N03624Q1" + "".join(f"A{axis}P0.0" for axis in axes),
         *(f"N{number:05d}Q1P0" for number in _STRAIGHTNESS),

@@ -1,4 +1,5 @@
-"""``stepdiag demo --live``: the page over a virtual survey slow enough to be watched, with faults that a key causes."""
+"""``stepdiag demo --live``: the page over a virtual survey slow enough to be watched, with faults
+that a key causes."""
 
 import json
 import os
@@ -13,7 +14,14 @@ from typing import Protocol
 
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.demo.demo import empty_folder
-from stepdiag.demo.files import WATCHED, Pace, write_angles, write_bench, write_profiles, write_survey
+from stepdiag.demo.files import (
+    WATCHED,
+    Pace,
+    write_angles,
+    write_bench,
+    write_profiles,
+    write_survey,
+)
 from stepdiag.demo.operator import LOOK_S, Operator, bench, daemon, words
 from stepdiag.demo.processes import Talker
 from stepdiag.virtual.base.reserved import reserved_port
@@ -41,7 +49,15 @@ class Key:
     def order(self, setup: str) -> str:
         """Return the fault as the virtual machine takes it."""
         place = {"setup": setup} if self.placed else {}
-        return "fault " + json.dumps({"kind": self.kind, "duration_s": self.duration_s, "value": self.value, "text": self.text} | place)
+        return "fault " + json.dumps(
+            {
+                "kind": self.kind,
+                "duration_s": self.duration_s,
+                "value": self.value,
+                "text": self.text,
+            }
+            | place
+        )
 
 
 KEYS = {
@@ -49,9 +65,17 @@ KEYS = {
     "k": Key(does=message("key-knock"), kind="laser-jump", value=60.0),
     "u": Key(does=message("key-unplug"), kind="laser-unplug", duration_s=5.0),
     "p": Key(does=message("key-plc"), kind="plc-silent", duration_s=8.0),
-    "a": Key(does=message("key-air"), kind="plc-sensor", text="air_temperature_c", value=85.0, duration_s=30.0),
+    "a": Key(
+        does=message("key-air"),
+        kind="plc-sensor",
+        text="air_temperature_c",
+        value=85.0,
+        duration_s=30.0,
+    ),
     "s": Key(does=message("key-skip"), kind="stop-skipped", placed=True),
-    "r": Key(does=message("key-abort"), kind="program-aborted", value=5.0, duration_s=6.0, placed=True),
+    "r": Key(
+        does=message("key-abort"), kind="program-aborted", value=5.0, duration_s=6.0, placed=True
+    ),
 }
 
 
@@ -65,7 +89,8 @@ class Person(Protocol):
         """Take an event."""
 
     def pressed(self) -> str:
-        """Return the key that was pressed since the last call, empty where none was; `END` ends the demo."""
+        """Return the key that was pressed since the last call, empty where none was; `END` ends the
+        demo."""
 
 
 def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
@@ -78,11 +103,15 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
     write_angles(folder, config, seed)
     write_profiles(folder)
     token = secrets.token_hex(8)
-    os.close(os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600))  # nobody else reads it, from the first moment on
+    os.close(
+        os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600)
+    )  # nobody else reads it, from the first moment on
     (folder / TOKEN_FILE).write_text(token, encoding="ascii")
     with bench(config, folder) as hall, page_port() as port:
         page = f'port = {port}\ntoken_file = "{TOKEN_FILE}"'
-        survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"], pace=pace, page=page)
+        survey = write_survey(
+            folder, hall.ready["plc_port"], hall.ready["laser_link"], pace=pace, page=page
+        )
         with daemon(survey) as recording:
             person.opened(recording.ready["address"], token)
             if _watched(hall, recording, Operator(hall, survey, wait_s=LOOK_AT_PAGE_S), person):
@@ -98,7 +127,9 @@ def page_port() -> Iterator[int]:
     with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            mine.bind(f"\0stepdiag demo, page {USUAL_PORT}")  # in no folder; ends with this process, however that ends (unix(7))
+            mine.bind(
+                f"\0stepdiag demo, page {USUAL_PORT}"
+            )  # in no folder; ends with this process, however that ends (unix(7))
             probe.bind(("127.0.0.1", USUAL_PORT))
             port = USUAL_PORT
         except OSError:

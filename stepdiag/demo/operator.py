@@ -1,4 +1,5 @@
-"""Virtual machine and daemon as processes, and the person at the control: starts setup after setup, drives again what is asked for."""
+"""Virtual machine and daemon as processes, and the person at the control: starts setup after setup,
+drives again what is asked for."""
 
 import sys
 import time
@@ -20,11 +21,14 @@ SOLVING_S = 900.0
 mostly waits.
 """
 HAND_S = 1.0
-"""A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
+"""A person starts the program when everything is seen to run, not within the daemon's first
+milliseconds."""
 SETTLED_S = 2.0
-"""When the machine has ended its program, a daemon silent for so long has named what is still missing."""
+"""When the machine has ended its program, a daemon silent for so long has named what is still
+missing."""
 MOST_AGAIN = 20
-"""On a quiet computer hardly anything is driven again; with fifteen busy processes a core six times were not enough."""
+"""On a quiet computer hardly anything is driven again; with fifteen busy processes a core six times
+were not enough."""
 LOOK_S = 0.02
 
 
@@ -62,7 +66,8 @@ class Operator:
         self._asked = False
 
     def start(self, silent_s: float) -> None:
-        """Start the next setup where the machine waits; after the last one what the survey still lacks, once the daemon is ``silent_s``.
+        """Start the next setup where the machine waits; after the last one what the survey still
+        lacks, once the daemon is ``silent_s``.
 
         Raises DataError where it lacks something after having been driven again several times.
         """
@@ -75,12 +80,16 @@ class Operator:
             self._asked = True
             standing = standing_of(self._survey)
             if standing.next_setup:
-                self._drive_again(standing.next_setup, "; ".join(str(doubt.words) for doubt in standing.doubts))
+                self._drive_again(
+                    standing.next_setup, "; ".join(str(doubt.words) for doubt in standing.doubts)
+                )
 
     def _drive_again(self, setup: str, why: str) -> None:
         self._again += 1
         if self._again > MOST_AGAIN:
-            raise DataError(str(self._survey), expected=message("solvable-survey"), found=why or setup)
+            raise DataError(
+                str(self._survey), expected=message("solvable-survey"), found=why or setup
+            )
         self._say(f"start {setup}")
 
     def _say(self, order: str) -> None:
@@ -91,7 +100,16 @@ class Operator:
 @contextmanager
 def bench(config: Path, folder: Path) -> Iterator[Talker]:
     """Run the virtual machine while the block runs."""
-    command = (sys.executable, "-P", "-m", "stepdiag.virtual", "--config", str(config), "--directory", str(folder / "devices"))
+    command = (
+        sys.executable,
+        "-P",
+        "-m",
+        "stepdiag.virtual",
+        "--config",
+        str(config),
+        "--directory",
+        str(folder / "devices"),
+    )
     with talking(command, errors=False) as hall:
         hall.ready = hall.next(READY_S, "virtual machine")
         yield hall
@@ -102,7 +120,9 @@ def daemon(survey: Path) -> Iterator[Talker]:
     """Run the daemon while the block runs, from the connection of laser and machine on; ``ready``
     holds the page's address.
     """
-    with talking((sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True) as recording:
+    with talking(
+        (sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True
+    ) as recording:
         connected: set[str] = set()
         while not {"laser", "machine"} <= connected:
             event = recording.next(READY_S, "stepdiag run")
@@ -111,13 +131,19 @@ def daemon(survey: Path) -> Iterator[Talker]:
             elif event.get("event") == "page":
                 recording.ready = event
             elif event.get("event") == "text":
-                raise DeviceError("stepdiag run", expected=message("daemon-records"), found=event["text"])
+                raise DeviceError(
+                    "stepdiag run", expected=message("daemon-records"), found=event["text"]
+                )
         time.sleep(HAND_S)
         yield recording
 
 
 def words(
-    operator: Operator, recording: Talker, *, go_on: Callable[[], bool] = lambda: True, silence_s: float = SILENCE_S
+    operator: Operator,
+    recording: Talker,
+    *,
+    go_on: Callable[[], bool] = lambda: True,
+    silence_s: float = SILENCE_S,
 ) -> Iterator[dict[str, str]]:
     """Yield the daemon's events while the operator works, as long as ``go_on`` returns True.
 
@@ -132,7 +158,13 @@ def words(
             operator.heard()
             waits_for = event["what"] if event["event"] == "waiting" else waits_for
             yield event
-        elif time.monotonic() - heard > (max(silence_s, SOLVING_S) if waits_for == "solving" else silence_s):
-            raise DeviceError("stepdiag run", expected=message("complete-survey"), found=message("status-waits", what=waits_for))
+        elif time.monotonic() - heard > (
+            max(silence_s, SOLVING_S) if waits_for == "solving" else silence_s
+        ):
+            raise DeviceError(
+                "stepdiag run",
+                expected=message("complete-survey"),
+                found=message("status-waits", what=waits_for),
+            )
         else:
             time.sleep(LOOK_S)

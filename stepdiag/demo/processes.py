@@ -37,9 +37,17 @@ class Talker:
         try:
             line = self.lines.get(timeout=timeout_s)
         except Empty as silence:
-            raise DeviceError(what, expected=message("answer-within", seconds_s=timeout_s), found=message("silence")) from silence
+            raise DeviceError(
+                what,
+                expected=message("answer-within", seconds_s=timeout_s),
+                found=message("silence"),
+            ) from silence
         if line is None:
-            raise DeviceError(what, expected=message("running-process"), found=message("exit-code", code=self.process.wait()))
+            raise DeviceError(
+                what,
+                expected=message("running-process"),
+                found=message("exit-code", code=self.process.wait()),
+            )
         self.last.append(line.strip())
         try:
             event: dict[str, str] = json.loads(line)
@@ -60,7 +68,8 @@ class Talker:
 
 @contextmanager
 def talking(command: Sequence[str], *, errors: bool) -> Iterator[Talker]:
-    """Run a process and listen to it: on standard error for the daemon, on standard output for the bench."""
+    """Run a process and listen to it: on standard error for the daemon, on standard output for the
+    bench."""
     process = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,

@@ -8,7 +8,13 @@ from pathlib import Path
 
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.result import Result
-from stepdiag.demo.files import beckhoff_profile, fanuc_profile, heidenhain_profile, linuxcnc_profile, siemens_profile
+from stepdiag.demo.files import (
+    beckhoff_profile,
+    fanuc_profile,
+    heidenhain_profile,
+    linuxcnc_profile,
+    siemens_profile,
+)
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
@@ -29,9 +35,15 @@ class Form:
 
 WHOLE_FIELD = message("form-field")
 FORMS = (
-    Form(name=message("form-pitch"), control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
+    Form(
+        name=message("form-pitch"),
+        control="siemens",
+        profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]'),
+    ),
     Form(name=message("form-fanuc"), control="fanuc", profile=fanuc_profile(straightness=True)),
-    Form(name=message("form-828d"), control="siemens", profile=siemens_profile(products=True, held=8)),
+    Form(
+        name=message("form-828d"), control="siemens", profile=siemens_profile(products=True, held=8)
+    ),
     Form(name=message("form-840d"), control="siemens", profile=siemens_profile(products=True)),
     Form(name=message("form-beckhoff"), control="beckhoff", profile=beckhoff_profile("FXYZ")),
     Form(name=message("form-heidenhain"), control="heidenhain", profile=heidenhain_profile("FXYZ")),
@@ -53,4 +65,6 @@ def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path
 
 
 def _acts(name: str) -> bool:
-    return "_RESTORE" not in name and (name.endswith((".INI", ".TXT", ".csv", ".COM")) or name.startswith("kinematics_comp_lines"))
+    return "_RESTORE" not in name and (
+        name.endswith((".INI", ".TXT", ".csv", ".COM")) or name.startswith("kinematics_comp_lines")
+    )

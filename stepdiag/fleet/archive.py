@@ -41,16 +41,30 @@ class Added:
 
 
 def finished_in(folders: Sequence[Path]) -> list[Path]:
-    """Return every folder at or below the given ones that holds a result beside its logs. Raises UsageError where there is none."""
+    """Return every folder at or below the given ones that holds a result beside its logs. Raises
+    UsageError where there is none."""
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(
-                str(folder), expected=message("folder-with", what=message("finished-surveys")), found=message("no-such-folder")
+                str(folder),
+                expected=message("folder-with", what=message("finished-surveys")),
+                found=message("no-such-folder"),
             )
-    candidates = {path.parent for folder in folders for path in (folder / RESULT, *folder.rglob(RESULT)) if path.is_file()}
-    found = sorted(each for each in candidates if any(log.suffix == ".mcap" for log in logs_in(each)))
+    candidates = {
+        path.parent
+        for folder in folders
+        for path in (folder / RESULT, *folder.rglob(RESULT))
+        if path.is_file()
+    }
+    found = sorted(
+        each for each in candidates if any(log.suffix == ".mcap" for log in logs_in(each))
+    )
     if not found:
-        raise UsageError(", ".join(map(str, folders)), expected=message("finished-surveys"), found=message("none"))
+        raise UsageError(
+            ", ".join(map(str, folders)),
+            expected=message("finished-surveys"),
+            found=message("none"),
+        )
     return found
 
 
@@ -59,7 +73,14 @@ def undated(folder: Path) -> str:
     no time was stated; empty for a known time.
     """
     result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
-    return next((str(found.words) for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
+    return next(
+        (
+            str(found.words)
+            for found in result.findings
+            if (found.code, found.severity) == (CODE, "warning")
+        ),
+        "",
+    )
 
 
 def add(folder: Path, store: Store) -> Added:
@@ -84,7 +105,9 @@ def add(folder: Path, store: Store) -> Added:
             return Added(source=folder, place=place, outcome="already there", size_bytes=0)
         size = 0
         for path, data in files():
-            there = store.write_checked(f"{place.folder}/{path}", data, _content_of if path.endswith(".mcap") else sha256)
+            there = store.write_checked(
+                f"{place.folder}/{path}", data, _content_of if path.endswith(".mcap") else sha256
+            )
             hashes[path] = sha256(there)
             size += len(there)
     table = to_parquet(table_of(facts, list(rows_of(result))), hashes[RESULT])
@@ -121,7 +144,11 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     if len(loose) <= most_loose and not gone:
         return 0
     points = index_of([(read_table(store, place), place.folder) for place in loose])
-    kept = [] if known is None else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
+    kept = (
+        []
+        if known is None
+        else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
+    )
     table = pa.concat_tables([*kept, points]).unify_dictionaries()
     store.write(INDEX, sealed(to_parquet(table)))
     return int(table.num_rows)
@@ -174,8 +201,13 @@ class _Files:
 
 
 def _packed_copy(folder: Path, copy: Path, logs: Sequence[Path], *, pack_logs: bool) -> _Files:
-    """Copy what belongs to a survey: its own files, no links and nothing hidden; its whole logs, packed."""
-    wanted = [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.is_symlink() and _belongs(path, folder)]
+    """Copy what belongs to a survey: its own files, no links and nothing hidden; its whole logs,
+    packed."""
+    wanted = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.is_symlink() and _belongs(path, folder)
+    ]
     for path in wanted:
         is_log = ".mcap" in path.suffixes
         if is_log and (not pack_logs or path not in logs):
@@ -193,9 +225,12 @@ def _belongs(path: Path, folder: Path) -> bool:
 
 
 def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
-    """Raise DataError where the survey is there with another result; logs are the same by its name."""
+    """Raise DataError where the survey is there with another result; logs are the same by its
+    name."""
     if store.listed(place).files[RESULT] != hashes.get(RESULT):
         raise DataError(
-            f"{store.address}: {place.folder}/{RESULT}", expected=message("archived-result"), found=message("another-one"),
+            f"{store.address}: {place.folder}/{RESULT}",
+            expected=message("archived-result"),
+            found=message("another-one"),
             remedy=message("archived-stays"),
-        )  # fmt: skip
+        )

@@ -1,8 +1,9 @@
-"""The chain of custody through a store: index -> table -> result -> logs, and from there as in a folder (`certificate.custody`).
+"""The chain of custody through a store: index -> table -> result -> logs, and from there as in a
+folder (`certificate.custody`).
 
-index        each point of the survey is the one that its table gives
-table        names its result by SHA-256; its numbers are those of the result, its bytes those that were archived
-result, logs the files that were archived, by SHA-256; the survey is named after its logs
+index        each point of the survey is the one that its table gives table        names its result
+by SHA-256; its numbers are those of the result, its bytes those that were archived result, logs the
+files that were archived, by SHA-256; the survey is named after its logs
 """
 
 import tempfile
@@ -15,7 +16,15 @@ import pyarrow.compute as pc
 from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.base.files import LARGEST_BYTES, read_bytes
 from stepdiag.base.messages import Message, message
-from stepdiag.certificate.custody import AS_LEFT, LOG, BrokenLinkError, Verified, custody_of, parsed, verify_certificate
+from stepdiag.certificate.custody import (
+    AS_LEFT,
+    LOG,
+    BrokenLinkError,
+    Verified,
+    custody_of,
+    parsed,
+    verify_certificate,
+)
 from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.archive import name_of_logs
@@ -71,14 +80,21 @@ def verify_in_store(certificate: Path, address: str) -> Verified:
             if len({place.survey for place in places}) < max(len(surveys), 1):
                 raise BrokenLinkError(message("custody-no-survey", store=address))
             folders = [Path(scratch) / str(number) for number in range(len(places))]
-            _require_index(store, {place.folder: _fetched(store, place, folder) for place, folder in zip(places, folders, strict=True)})
+            _require_index(
+                store,
+                {
+                    place.folder: _fetched(store, place, folder)
+                    for place, folder in zip(places, folders, strict=True)
+                },
+            )
         except BrokenLinkError as broken:
             return verify_certificate(certificate)._replace(broken=broken.link)
         return verify_certificate(certificate, *folders, certificate.parent)
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
-    """Copy the files of a survey out of the store, each checked; return its table. Raises BrokenLinkError for the first broken link."""
+    """Copy the files of a survey out of the store, each checked; return its table. Raises
+    BrokenLinkError for the first broken link."""
     folder.mkdir()
     try:
         data = store.read(place.table)
@@ -91,7 +107,10 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if store.copied(f"{place.folder}/{name}", folder / name) != expected:
                 raise BrokenLinkError(message("custody-stored", name=f"{place.folder}/{name}"))
-        if not place.software and name_of_logs([digest(log) for log in folder.glob("*.mcap")]) != place.survey:
+        if (
+            not place.software
+            and name_of_logs([digest(log) for log in folder.glob("*.mcap")]) != place.survey
+        ):
             raise BrokenLinkError(message("custody-stored", name=f"{place.folder}/*.mcap"))
     except StepdiagError as error:
         raise BrokenLinkError(message("custody-refused", what=error.message)) from error
@@ -101,9 +120,13 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
 def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
     """Return a survey's table. Raises BrokenLinkError where it does not follow from its result.
 
-    Its bytes too, where the same library wrote them: statistics and names of columns are no numbers, and readers go by them.
+    Its bytes too, where the same library wrote them: statistics and names of columns are no
+    numbers, and readers go by them.
     """
-    table, expected = from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES), rows_from(result, place)
+    table, expected = (
+        from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES),
+        rows_from(result, place),
+    )
     if table.to_pylist() != expected.to_pylist():
         raise BrokenLinkError(message("custody-table", table=place.table))
     if result_named(data) not in (sha256(result), ""):
@@ -123,14 +146,21 @@ def _require_index(store: Store, tables: Mapping[str, pa.Table]) -> None:
         return
     everything = store.tables()
     try:
-        index, data = read_index(store, len(everything)), unsealed(store.read(INDEX, largest=LARGEST_BYTES), INDEX)
+        index, data = (
+            read_index(store, len(everything)),
+            unsealed(store.read(INDEX, largest=LARGEST_BYTES), INDEX),
+        )
         if not set(index[PLACE].unique().to_pylist()) <= {place.folder for place in everything}:
             raise BrokenLinkError(message("custody-table", table=INDEX))
         for folder, table in tables.items():
             found = index.filter(pc.equal(index[PLACE].cast(pa.string()), folder)).to_pylist()
             if found and str(found) != str(index_of([(table, folder)]).to_pylist()):
                 raise BrokenLinkError(message("custody-table", table=INDEX))
-        if to_parquet(index) != data and index[PLACE].num_chunks == 1 and not written_by_another(data):
+        if (
+            to_parquet(index) != data
+            and index[PLACE].num_chunks == 1
+            and not written_by_another(data)
+        ):
             raise BrokenLinkError(message("custody-table-bytes", table=INDEX))
     except DataError as error:
         raise BrokenLinkError(message("custody-refused", what=str(error))) from error

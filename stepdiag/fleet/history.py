@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import Message, message
-from stepdiag.fleet.series import OF_VOLUME, Array, Groups, LeftOut, Series, Survey, by_volume, parted, stated
+from stepdiag.fleet.series import (
+    OF_VOLUME,
+    Array,
+    Groups,
+    LeftOut,
+    Series,
+    Survey,
+    by_volume,
+    parted,
+    stated,
+)
 from stepdiag.fleet.store import INDEX, Place, Store
 from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table
 
@@ -27,22 +37,31 @@ class History:
 
 
 def history_in(store: Store, now: datetime, machine: str = "", software: str = "") -> History:
-    """Return every quantity over time, by machine and name: of what was archived, or of what ``software`` solved anew.
+    """Return every quantity over time, by machine and name: of what was archived, or of what
+    ``software`` solved anew.
 
     A table that is damaged is left out with its name. Raises DataError where there is nothing.
     """
     places = store.tables()
-    wanted = [place for place in places if place.software == software and machine in ("", place.machine)]
+    wanted = [
+        place for place in places if place.software == software and machine in ("", place.machine)
+    ]
     if not wanted:
         what = message("surveys-of", machine=machine or "*", software=software or "*")
         known = sorted({place.machine for place in places})
-        raise DataError(store.address, expected=what, found=message("none-known", names=known or [message("no-machines")]))
+        raise DataError(
+            store.address,
+            expected=what,
+            found=message("none-known", names=known or [message("no-machines")]),
+        )
     table, damaged = _read(store, wanted, len(places))
     found = history_of(table, now)
     return replace(found, left_out=(*damaged, *found.left_out))
 
 
-def series_in(store: Store, now: datetime, machine: str = "", software: str = "") -> tuple[Series, ...]:
+def series_in(
+    store: Store, now: datetime, machine: str = "", software: str = ""
+) -> tuple[Series, ...]:
     """Return the series of `history_in`."""
     return history_in(store, now, machine, software).series
 
@@ -64,14 +83,20 @@ def _read(store: Store, wanted: Sequence[Place], surveys: int) -> tuple[pa.Table
             names = codes.dictionary.to_pylist()
             chosen = np.array([name in folders for name in names], dtype=bool)
             held = folders & set(names)
-            parts.append(index if chosen.all() else index.filter(pa.array(chosen[codes.indices.to_numpy()])))
+            parts.append(
+                index if chosen.all() else index.filter(pa.array(chosen[codes.indices.to_numpy()]))
+            )
     loose = []
     for place in wanted:
         if place.folder not in held:
             try:
                 loose.append((read_table(store, place), place.folder))
             except DataError as error:
-                left_out.append(LeftOut(machine=place.machine, name=place.table, why=error.message, damaged=True))
+                left_out.append(
+                    LeftOut(
+                        machine=place.machine, name=place.table, why=error.message, damaged=True
+                    )
+                )
     parts += [index_of(loose)] if loose or not parts else []
     return pa.concat_tables(parts).unify_dictionaries().combine_chunks(), left_out
 
@@ -82,24 +107,41 @@ class _Columns:
     def __init__(self, table: pa.Table) -> None:
         self.words: dict[str, list[str]] = {}
         self.codes: dict[str, NDArray[np.int64]] = {}
-        for name in ("machine", "quantity", "unit", "survey", "event", "conditions", "software", PLACE):
+        for name in (
+            "machine",
+            "quantity",
+            "unit",
+            "survey",
+            "event",
+            "conditions",
+            "software",
+            PLACE,
+        ):
             column = table[name].combine_chunks()
             self.words[name] = column.dictionary.to_pylist()
             self.codes[name] = column.indices.to_numpy().astype(np.int64)
         self.times = table["time"].cast(pa.int64()).to_numpy()
-        self.shown = np.column_stack([table[name].to_numpy() for name in ("value", "u", "low", "high")]).astype(float)
+        self.shown = np.column_stack(
+            [table[name].to_numpy() for name in ("value", "u", "low", "high")]
+        ).astype(float)
         self.common = table["common"].to_numpy().astype(float)
-        self.lists = {name: _flat(table[name].combine_chunks()) for name in ("positions", "values", "us")}
+        self.lists = {
+            name: _flat(table[name].combine_chunks()) for name in ("positions", "values", "us")
+        }
         self.stated = cache(lambda code: stated(self.words["conditions"][code]))
 
     def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
-        """Return positions, values and uncertainties where all rows have the same nodes, shapes (nodes,) and (rows, nodes)."""
+        """Return positions, values and uncertainties where all rows have the same nodes, shapes
+        (nodes,) and (rows, nodes)."""
         _, begins = self.lists["values"]
         counts = begins[rows + 1] - begins[rows]
         if np.any(counts != counts[0]):
             return None
         along = np.arange(counts[0])
-        values, us = (each[ends[rows][:, None] + along].astype(float) for each, ends in (self.lists["values"], self.lists["us"]))
+        values, us = (
+            each[ends[rows][:, None] + along].astype(float)
+            for each, ends in (self.lists["values"], self.lists["us"])
+        )
         places, ends = self.lists["positions"]
         if ends[rows[0] + 1] == ends[rows[0]]:
             return np.zeros(1), values, us
@@ -142,16 +184,29 @@ def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
     """Return the surveys of a machine by the number of their place, oldest first."""
     places, firsts = np.unique(columns.codes[PLACE][rows], return_index=True)
     found: dict[int, Survey] = {}
-    for place, row in sorted(zip(places.tolist(), rows[firsts].tolist(), strict=True), key=lambda each: (columns.times[each[1]], each[0])):
+    for place, row in sorted(
+        zip(places.tolist(), rows[firsts].tolist(), strict=True),
+        key=lambda each: (columns.times[each[1]], each[0]),
+    ):
         active, standing = columns.stated(int(columns.codes["conditions"][row]))
         found[place] = Survey(
-            time=datetime.fromtimestamp(int(columns.times[row]) / 1e6, UTC), name=columns.of("survey", row),
-            event=columns.of("event", row), active=active, software=columns.of("software", row), standing=standing,
-        )  # fmt: skip
+            time=datetime.fromtimestamp(int(columns.times[row]) / 1e6, UTC),
+            name=columns.of("survey", row),
+            event=columns.of("event", row),
+            active=active,
+            software=columns.of("software", row),
+            standing=standing,
+        )
     return found
 
 
-def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quantity: NDArray[np.int64], groups: Groups) -> Iterator[Series]:
+def _of_machine(
+    machine: str,
+    columns: _Columns,
+    rows: NDArray[np.int64],
+    quantity: NDArray[np.int64],
+    groups: Groups,
+) -> Iterator[Series]:
     """Yield the series of a machine by name of the quantity."""
     place = columns.codes[PLACE]
     inside = [np.isin(place[rows], list(surveys)) for surveys, _ in groups]
@@ -159,39 +214,70 @@ def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quanti
         for (surveys, why), held in zip(groups, inside, strict=True):
             chosen = rows[mine[held[mine]]]
             if len(chosen):
-                whole = _series(machine, columns, chosen, tuple(map(surveys.__getitem__, place[chosen].tolist())), why)
+                whole = _series(
+                    machine,
+                    columns,
+                    chosen,
+                    tuple(map(surveys.__getitem__, place[chosen].tolist())),
+                    why,
+                )
                 yield from by_volume(whole) if whole.quantity in OF_VOLUME else (whole,)
 
 
-def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: tuple[Survey, ...], why: Message | None) -> Series:
+def _series(
+    machine: str,
+    columns: _Columns,
+    rows: NDArray[np.int64],
+    surveys: tuple[Survey, ...],
+    why: Message | None,
+) -> Series:
     """Return a quantity of comparable surveys, at their common nodes."""
     shown = columns.shown[rows]
     alike = columns.nodes(rows)
-    nodes, at, u = alike or _at_common_nodes(*(columns.lists_of(name, rows) for name in ("positions", "values", "us")))
+    nodes, at, u = alike or _at_common_nodes(
+        *(columns.lists_of(name, rows) for name in ("positions", "values", "us"))
+    )
     if len(nodes) == 1:
         middle = shown[:, 2:].mean(axis=1)
         at = np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
     return Series(
-        machine=machine, quantity=columns.of("quantity", rows[0]), unit=columns.of("unit", rows[0]), surveys=surveys, nodes_mm=nodes,
-        values=at, u=u, common=columns.common[rows], shown=shown, other=why,
-    )  # fmt: skip
+        machine=machine,
+        quantity=columns.of("quantity", rows[0]),
+        unit=columns.of("unit", rows[0]),
+        surveys=surveys,
+        nodes_mm=nodes,
+        values=at,
+        u=u,
+        common=columns.common[rows],
+        shown=shown,
+        other=why,
+    )
 
 
-def _at_common_nodes(positions: list[Array], values: list[Array], us: list[Array]) -> tuple[Array, Array, Array]:
+def _at_common_nodes(
+    positions: list[Array], values: list[Array], us: list[Array]
+) -> tuple[Array, Array, Array]:
     """Return a function at the nodes of its coarsest survey that all others cover: that survey has
     no values between its nodes.
 
-    Relative to the line through its ends there: surveys over other parts of the travel have another zero and another line.
+    Relative to the line through its ends there: surveys over other parts of the travel have another
+    zero and another line.
     """
     coarsest = min(positions, key=len)
-    low, high = (pick(each[end] for each in positions if len(each)) for pick, end in ((max, 0), (min, -1)))
+    low, high = (
+        pick(each[end] for each in positions if len(each)) for pick, end in ((max, 0), (min, -1))
+    )
     nodes = coarsest[(coarsest >= low - ALMOST_MM) & (coarsest <= high + ALMOST_MM)]
     if len(nodes) < 2:
         nothing = np.full((len(positions), 1), np.nan)
         return np.zeros(1), nothing, nothing
-    at = np.stack([np.interp(nodes, each, value) for each, value in zip(positions, values, strict=True)])
+    at = np.stack(
+        [np.interp(nodes, each, value) for each, value in zip(positions, values, strict=True)]
+    )
     u = np.stack([np.interp(nodes, each, value) for each, value in zip(positions, us, strict=True)])
-    same_ends = all(np.allclose(each[[0, -1]], positions[0][[0, -1]], atol=ALMOST_MM) for each in positions)
+    same_ends = all(
+        np.allclose(each[[0, -1]], positions[0][[0, -1]], atol=ALMOST_MM) for each in positions
+    )
     if not same_ends:
         along = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
         at = at - at[:, :1] - (at[:, -1:] - at[:, :1]) * along

@@ -1,4 +1,5 @@
-"""The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer unless a host is named.
+"""The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer
+unless a host is named.
 
 A browser shows the token once, in the address that the command prints, and has a cookie from then
 on; a program sends the token with each request.
@@ -12,7 +13,13 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import (
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+)
 from starlette.routing import Route
 
 from stepdiag.base.errors import DataError, StepdiagError
@@ -26,7 +33,8 @@ from stepdiag.texts.texts import LANGUAGES, Language
 
 Found = tuple[Sequence[Trend], Sequence[LeftOut]]
 HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
@@ -37,7 +45,9 @@ LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 class Sheets:
     """The contents of the page, computed once for all visitors until the store changes."""
 
-    def __init__(self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str) -> None:
+    def __init__(
+        self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str
+    ) -> None:
         """``state`` is another one after every change of the store; ``trends`` reads it."""
         self._state, self._trends, self._source = state, trends, source
         self._lock = Lock()
@@ -52,7 +62,9 @@ class Sheets:
             if state != self._of:
                 found = self._trends()
                 self._of, self._found = state, found
-                self._sheet = cache(lambda language: fleet_html(found[0], self._source, language, found[1]))
+                self._sheet = cache(
+                    lambda language: fleet_html(found[0], self._source, language, found[1])
+                )
             return self._found
 
     def sheet(self, language: Language) -> str:
@@ -62,7 +74,9 @@ class Sheets:
             return self._sheet(language)
 
 
-def create_app(sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK) -> Starlette:
+def create_app(
+    sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK
+) -> Starlette:
     """Return the page for holders of the token; ``names`` are the host names it answers to (DNS
     rebinding).
     """
@@ -88,14 +102,21 @@ def create_app(sheets: Sheets, language: Language, token: str, names: tuple[str,
         return answer
 
     def sheet(request: Request) -> Response:
-        asked = next((each for each in LANGUAGES if each == request.query_params.get("language")), language)
+        asked = next(
+            (each for each in LANGUAGES if each == request.query_params.get("language")), language
+        )
         return HTMLResponse(sheets.sheet(asked))
 
     return Starlette(
         routes=[
             Route("/", answering(sheet)),
             Route("/trend.json", answering(lambda _: JSONResponse(as_json(*sheets.found())))),
-            Route("/trend.csv", answering(lambda _: PlainTextResponse(as_csv(sheets.found()[0]), media_type="text/csv"))),
+            Route(
+                "/trend.csv",
+                answering(
+                    lambda _: PlainTextResponse(as_csv(sheets.found()[0]), media_type="text/csv")
+                ),
+            ),
         ]
     )
 
@@ -106,13 +127,18 @@ def serve(app: Starlette, host: str, port: int) -> None:
 
 
 async def _let_in(request: Request, access: Access) -> Response:
-    """Return what leads a browser with the right token to the same page with a cookie; the token does not stay in its address."""
+    """Return what leads a browser with the right token to the same page with a cookie; the token
+    does not stay in its address."""
     if not await access.is_token(request, request.query_params["token"]):
         return _plain(message("wrong-token"), 401)
-    answer = RedirectResponse(str(request.url.remove_query_params("token")), status_code=303, headers=HEADERS)
+    answer = RedirectResponse(
+        str(request.url.remove_query_params("token")), status_code=303, headers=HEADERS
+    )
     access.remember(request, answer)
     return answer
 
 
 def _plain(words: Message, status: int) -> Response:
-    return PlainTextResponse("\n".join(in_every_language(words).values()), status_code=status, headers=HEADERS)
+    return PlainTextResponse(
+        "\n".join(in_every_language(words).values()), status_code=status, headers=HEADERS
+    )

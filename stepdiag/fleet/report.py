@@ -29,11 +29,12 @@ svg{width:100%;height:auto}text{font:9px system-ui,sans-serif;fill:#57606a}
 .band{stroke:#1f6feb;stroke-opacity:.45;stroke-width:4}.line{fill:none;stroke:#1f6feb;stroke-width:1.4}.dot{fill:#1f6feb}
 .limit{stroke:#b42318;stroke-dasharray:4 3}.step{stroke:#b54708;stroke-dasharray:2 2}.axis{stroke:#8c959f}
 .titled{fill:none;pointer-events:all}article>a{color:#0550ae;font-size:.8rem}
-"""
+"""  # noqa: E501
 
 
 def worst_first(trends: Sequence[Trend]) -> list[tuple[str, list[Trend]]]:
-    """Return the machines with their series: those outside a tolerance first, then by volumetric error; equal ones by name."""
+    """Return the machines with their series: those outside a tolerance first, then by volumetric
+    error; equal ones by name."""
     machines: dict[str, list[Trend]] = {}
     for each in trends:
         machines.setdefault(each.series.machine, []).append(each)
@@ -41,7 +42,9 @@ def worst_first(trends: Sequence[Trend]) -> list[tuple[str, list[Trend]]]:
     return sorted(ranked, key=lambda item: _worst(item[1]), reverse=True)
 
 
-def fleet_html(trends: Sequence[Trend], source: str, language: Language, left_out: Sequence[LeftOut] = ()) -> str:
+def fleet_html(
+    trends: Sequence[Trend], source: str, language: Language, left_out: Sequence[LeftOut] = ()
+) -> str:
     """Return the sheet. ``source`` names the store."""
     words = catalogue("fleet", language)
     machines = worst_first(trends)
@@ -50,10 +53,12 @@ def fleet_html(trends: Sequence[Trend], source: str, language: Language, left_ou
     cards = "".join(_card(machine, each, span, words, language) for machine, each in machines)
     title = escape(words["title"])
     return (
-        f'<!doctype html><html lang="{language}"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f'<!doctype html><html lang="{language}"><head><meta charset="utf-8"><meta '
+        'name="viewport" content="width=device-width">'
         f"<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>"
         f"<p>{escape(source)}: {len(machines)} {escape(words['machines'])}. "
-        f"{escape(words['reading'])}</p>{_left_out(left_out, words, language)}<main>{cards}</main></body></html>\n"
+        f"{escape(words['reading'])}</p>{_left_out(left_out, words, language)}<main>{cards}"
+        "</main></body></html>\n"
     )
 
 
@@ -62,46 +67,80 @@ def _left_out(left_out: Sequence[LeftOut], words: Mapping[str, str], language: L
     if not left_out:
         return ""
     rows = "".join(
-        f"<li>{escape(' '.join(filter(None, (each.machine, each.name))))}: {escape(rendered(each.why, language))}</li>" for each in left_out
+        f"<li>{escape(' '.join(filter(None, (each.machine, each.name))))}: "
+        f"{escape(rendered(each.why, language))}</li>"
+        for each in left_out
     )
-    return f"<details open><summary>{escape(words['left_out'])}: {len(left_out)}</summary><ul>{rows}</ul></details>"
+    return (
+        f"<details open><summary>{escape(words['left_out'])}: "
+        f"{len(left_out)}</summary><ul>{rows}</ul></details>"
+    )
 
 
 def _worst(trends: Sequence[Trend]) -> tuple[int, float]:
     ours = [each for each in trends if each.series.other is None]
-    judged = [each for each in ours if each.tolerance is not None] or [each for each in ours if each.series.quantity == RMS] or list(trends)
+    judged = (
+        [each for each in ours if each.tolerance is not None]
+        or [each for each in ours if each.series.quantity == RMS]
+        or list(trends)
+    )
     return max(map(rank, judged))
 
 
-def _card(machine: str, trends: Sequence[Trend], span: tuple[datetime, datetime], words: Mapping[str, str], language: Language) -> str:
+def _card(
+    machine: str,
+    trends: Sequence[Trend],
+    span: tuple[datetime, datetime],
+    words: Mapping[str, str],
+    language: Language,
+) -> str:
     shown = next((each for each in trends if each.series.quantity == RMS), trends[0])
     states = {each.outside for each in trends}
     state = next((each for each in ("yes", "perhaps") if each in states), "no")
     lines = [line for each in trends for line in _lines(each, words, language)]
-    listed = "".join(f"<li>{escape(line)}</li>" for line in lines) or f"<li>{escape(words['unchanged'])}</li>"
+    listed = (
+        "".join(f"<li>{escape(line)}</li>" for line in lines)
+        or f"<li>{escape(words['unchanged'])}</li>"
+    )
     table = f'<a download="trend.csv" href="{data_link(as_csv([shown]))}">CSV</a>'
-    return f'<article class="{state}"><h2>{escape(machine)}</h2>{_chart(shown, span, words, language)}{table}<ul>{listed}</ul></article>'
+    return (
+        "<article "
+        f'class="{state}"><h2>{escape(machine)}</h2>{_chart(shown, span, words, language)}{table}'
+        f"<ul>{listed}</ul></article>"
+    )
 
 
 def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
-    """Return what stands below the picture: what changed, what is not decidable, where the tolerance is left."""
+    """Return what stands below the picture: what changed, what is not decidable, where the
+    tolerance is left."""
     unit = UNITS[trend.series.unit]
     name = trend.series.quantity
     if trend.series.other is not None:
         name = f"{name} ({rendered(trend.series.other, language)})"
-    many = trend.verdict != "unchanged" and (trend.verdict == "changed" or len(trend.series.surveys) > 1)
+    many = trend.verdict != "unchanged" and (
+        trend.verdict == "changed" or len(trend.series.surveys) > 1
+    )
     found = [f"{name}: {rendered(each, language)}" for each in statements(trend)] if many else []
     if trend.conformity is not None:
-        found.append(localised(f"{name}: {words[trend.conformity]} {trend.tolerance:g} {unit}", language))
+        found.append(
+            localised(f"{name}: {words[trend.conformity]} {trend.tolerance:g} {unit}", language)
+        )
     if trend.outside == "yes" or already_perhaps(trend):
         return found
     if trend.leaving is not None and trend.leaving.likely is not None:
-        edges = [words["never"] if at is None else day(at) for at in (trend.leaving.earliest, trend.leaving.latest)]
-        found.append(f"{name}: {words['leaves']} {day(trend.leaving.likely)} ({edges[0]} – {edges[1]})")
+        edges = [
+            words["never"] if at is None else day(at)
+            for at in (trend.leaving.earliest, trend.leaving.latest)
+        ]
+        found.append(
+            f"{name}: {words['leaves']} {day(trend.leaving.likely)} ({edges[0]} – {edges[1]})"
+        )
     return found
 
 
-def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, str], language: Language) -> str:
+def _chart(
+    trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, str], language: Language
+) -> str:
     points = trend.series.points
     low, high = _range(points, trend.tolerance)
     seconds = max((span[1] - span[0]).total_seconds(), 1.0)
@@ -116,17 +155,57 @@ def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, st
         return svg.element("line", x1=LEFT, x2=WIDTH - RIGHT, y1=y_px, y2=y_px, class_=kind)
 
     bands = [(x(point.time), *map(y, _band(point))) for point in points if point.u is not None]
-    marks = [svg.element("line", x1=at, x2=at, y1=low_y, y2=high_y, class_="band") for at, low_y, high_y in bands]
+    marks = [
+        svg.element("line", x1=at, x2=at, y1=low_y, y2=high_y, class_="band")
+        for at, low_y, high_y in bands
+    ]
     begun = [x(points[step.at].time) for step in trend.steps]
-    steps = [svg.element("line", x1=at, x2=at, y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for at in begun]
-    dots = [svg.element("circle", cx=x(point.time), cy=y(point.value), r=1.8, class_="dot") for point in points]
-    values = [svg.titled(_value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX) for point in points]
-    line = svg.element("path", d=svg.path((x(point.time), y(point.value)) for point in points), class_="line")
-    limit = [rule(y(trend.tolerance), "limit")] if trend.tolerance is not None and low <= trend.tolerance <= high else []
-    ends = [svg.text(f"{span[0].date()}", LEFT, HEIGHT - 4), svg.text(f"{span[1].date()}", WIDTH - RIGHT, HEIGHT - 4, text_anchor="end")]
-    edges = [svg.text(f"{value:.3g}", LEFT - 4, y(value) + 3, text_anchor="end") for value in (low, high)]
-    label = f"{trend.series.machine}: {trend.series.quantity} / {UNITS[trend.series.unit]}, {words['over_time']}"
-    return svg.drawing(WIDTH, HEIGHT, label, rule(HEIGHT - BOTTOM, "axis"), *limit, *steps, *marks, line, *dots, *ends, *edges, *values)
+    steps = [
+        svg.element("line", x1=at, x2=at, y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for at in begun
+    ]
+    dots = [
+        svg.element("circle", cx=x(point.time), cy=y(point.value), r=1.8, class_="dot")
+        for point in points
+    ]
+    values = [
+        svg.titled(
+            _value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX
+        )
+        for point in points
+    ]
+    line = svg.element(
+        "path", d=svg.path((x(point.time), y(point.value)) for point in points), class_="line"
+    )
+    limit = (
+        [rule(y(trend.tolerance), "limit")]
+        if trend.tolerance is not None and low <= trend.tolerance <= high
+        else []
+    )
+    ends = [
+        svg.text(f"{span[0].date()}", LEFT, HEIGHT - 4),
+        svg.text(f"{span[1].date()}", WIDTH - RIGHT, HEIGHT - 4, text_anchor="end"),
+    ]
+    edges = [
+        svg.text(f"{value:.3g}", LEFT - 4, y(value) + 3, text_anchor="end") for value in (low, high)
+    ]
+    label = (
+        f"{trend.series.machine}: {trend.series.quantity} / {UNITS[trend.series.unit]}, "
+        f"{words['over_time']}"
+    )
+    return svg.drawing(
+        WIDTH,
+        HEIGHT,
+        label,
+        rule(HEIGHT - BOTTOM, "axis"),
+        *limit,
+        *steps,
+        *marks,
+        line,
+        *dots,
+        *ends,
+        *edges,
+        *values,
+    )
 
 
 def _value(trend: Trend, point: Point, language: Language) -> str:
@@ -134,7 +213,10 @@ def _value(trend: Trend, point: Point, language: Language) -> str:
     expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
     if math.isfinite(point.low):
         expanded = f" ({svg.fixed(point.low)} – {svg.fixed(point.high)})"
-    figure = localised(f"{trend.series.quantity} = {svg.fixed(point.value)}{expanded} {UNITS[trend.series.unit]}", language)
+    figure = localised(
+        f"{trend.series.quantity} = {svg.fixed(point.value)}{expanded} {UNITS[trend.series.unit]}",
+        language,
+    )
     return f"{day(point.time)}, {point.survey.name}: {figure}"
 
 

@@ -47,7 +47,8 @@ IN_FLIGHT = 200
 RETRIES = 3
 """Number of new tries of a survey after the loss of its worker or of the store."""
 ROUNDING = 0.002
-"""The same readings give the same figure; more than this (um, urad, um/m) is more than its last written digit."""
+"""The same readings give the same figure; more than this (um, urad, um/m) is more than its last
+written digit."""
 WORKER_MEMORY = 2 * 10**9
 """Bytes of data that a worker of this computer may hold."""
 PATIENCE_S = 20
@@ -67,7 +68,12 @@ class Solved:
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs."""
-        return {"survey": self.place.folder, "outcome": self.outcome, "changed": list(self.changed), "reason": f"{self.reason}"}
+        return {
+            "survey": self.place.folder,
+            "outcome": self.outcome,
+            "changed": list(self.changed),
+            "reason": f"{self.reason}",
+        }
 
 
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
@@ -80,7 +86,8 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scheduler:
-    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) by which both sides prove who they are."""
+    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) by which both sides prove who they
+    are."""
 
     address: str
     ca: Path
@@ -93,15 +100,22 @@ class Scheduler:
         """
         try:
             security = Security(
-                require_encryption=True, tls_ca_file=str(self.ca), tls_client_cert=str(self.certificate), tls_client_key=str(self.key)
+                require_encryption=True,
+                tls_ca_file=str(self.ca),
+                tls_client_cert=str(self.certificate),
+                tls_client_key=str(self.key),
             )
             return Client(self.address, timeout=PATIENCE_S, security=security)
         except (OSError, ValueError) as error:
             found = str(error) or type(error).__name__
-            raise DeviceError(self.address, expected=message("dask-scheduler"), found=found) from error
+            raise DeviceError(
+                self.address, expected=message("dask-scheduler"), found=found
+            ) from error
 
 
-def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:
+def resolve(
+    store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = ""
+) -> Iterator[Solved]:
     """Solve surveys anew ``by`` so many processes of this computer, or on a scheduler's workers;
     yield each finished survey.
 
@@ -120,7 +134,11 @@ def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, surve
         def submitted(count: int) -> list[Any]:
             futures = []
             for each in islice(waiting, count):
-                futures.append(client.submit(solve_anew, store.address, tuple(each), survey, retries=RETRIES, pure=False))
+                futures.append(
+                    client.submit(
+                        solve_anew, store.address, tuple(each), survey, retries=RETRIES, pure=False
+                    )
+                )
                 asked[futures[-1].key] = each
             return futures
 
@@ -132,14 +150,19 @@ def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, surve
                 running.add(more)
 
 
-def _solved_here(store: Store, places: Sequence[Place], workers: int, survey: str) -> Iterator[Solved]:
-    """Solve surveys in so many lanes of this computer: a thread each, which waits for a process of its own."""
+def _solved_here(
+    store: Store, places: Sequence[Place], workers: int, survey: str
+) -> Iterator[Solved]:
+    """Solve surveys in so many lanes of this computer: a thread each, which waits for a process of
+    its own."""
     lanes: SimpleQueue[_Lane] = SimpleQueue()
     for _ in range(workers):
         lanes.put(_Lane())
     with ThreadPoolExecutor(workers) as threads:
         try:
-            tasks = [threads.submit(_in_a_lane, lanes, store.address, place, survey) for place in places]
+            tasks = [
+                threads.submit(_in_a_lane, lanes, store.address, place, survey) for place in places
+            ]
             yield from (each.result() for each in completed(tasks))
         finally:
             threads.shutdown(cancel_futures=True)
@@ -165,7 +188,9 @@ class _Lane:
         """Solve a survey; a survey that kills every process has failed."""
         for _ in range(1 + RETRIES):
             if self._process is None:
-                self._process = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_worker)
+                self._process = ProcessPoolExecutor(
+                    1, multiprocessing.get_context("spawn"), _begin_worker
+                )
             try:
                 return self._process.submit(solve_anew, address, place, survey).result()
             except (BrokenProcessPool, MemoryError):
@@ -181,12 +206,18 @@ class _Lane:
 
 def _begin_worker() -> None:
     die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the command, after the surveys that are being solved
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C ends the command, after the surveys that are being solved
     resource.setrlimit(resource.RLIMIT_DATA, (WORKER_MEMORY, WORKER_MEMORY))
 
 
 def _lost(place: Place) -> Solved:
-    return Solved(place=place, outcome="failed", reason=message("every-worker-lost", limit_gb=WORKER_MEMORY / 1e9))
+    return Solved(
+        place=place,
+        outcome="failed",
+        reason=message("every-worker-lost", limit_gb=WORKER_MEMORY / 1e9),
+    )
 
 
 def _outcome(future: Any, place: Place) -> Solved:
@@ -217,7 +248,12 @@ def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str 
             by = message("by-survey-given") if instead else ""
             if text == old:
                 return Solved(place=place, outcome="the same bytes", reason=by)
-            return Solved(place=place, outcome="solved anew", changed=_kept(store, place, old, text), reason=by)
+            return Solved(
+                place=place,
+                outcome="solved anew",
+                changed=_kept(store, place, old, text),
+                reason=by,
+            )
         except StepdiagError as error:
             return Solved(place=place, outcome="failed", reason=error.message)
 
@@ -233,7 +269,9 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
     except UsageError:
         named = parse_survey(survey, "--survey").identity.machine
         if named != machine:
-            raise DataError("--survey", expected=message("survey-file-of", machine=machine), found=named) from None
+            raise DataError(
+                "--survey", expected=message("survey-file-of", machine=machine), found=named
+            ) from None
         file = scratch / "survey.toml"
         file.write_text(survey, encoding="utf-8")
         return file
@@ -241,12 +279,18 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 
 
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
-    """Write the new result and its numbers; return which figures are others now, beyond rounding: the readings are the same."""
+    """Write the new result and its numbers; return which figures are others now, beyond rounding:
+    the readings are the same."""
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
     digest = sha256(new.encode("utf-8"))
-    put_table(store, here, {RESULT: digest}, to_parquet(table_of(about(after, place.survey), list(rows_of(after))), digest))
+    put_table(
+        store,
+        here,
+        {RESULT: digest},
+        to_parquet(table_of(about(after, place.survey), list(rows_of(after))), digest),
+    )
     found = compare(parse_result(old, RESULT), after).changes
     return tuple(
         f"{each.name} by {each.difference:+.3f} {each.unit} (U {2 * (each.u or 0.0):.2f})"
@@ -259,11 +303,20 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
     """Copy logs, words and result of a survey out of the store, each compared with its hash."""
     archived = store.listed(place).files
     folder.mkdir()
-    for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in (RESULT, *WORDS))):
+    for name in (
+        name
+        for name in archived
+        if "/" not in name and (name.endswith(".mcap") or name in (RESULT, *WORDS))
+    ):
         found = store.copied(f"{place.folder}/{name}", folder / name)
         if found != archived[name]:
             remedy = message("archive-again")
-            raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=found, remedy=remedy)
+            raise DataError(
+                f"{place.folder}/{name}",
+                expected=f"SHA-256 {archived[name]}",
+                found=found,
+                remedy=remedy,
+            )
     return folder
 
 

@@ -1,4 +1,5 @@
-"""A result as tidy rows: one number with its uncertainty a row, the same columns for every quantity."""
+"""A result as tidy rows: one number with its uncertainty a row, the same columns for every
+quantity."""
 
 import json
 from collections.abc import Iterator
@@ -16,7 +17,8 @@ from stepdiag.comparing.alike import common_share, standing_of
 from stepdiag.conclusion.intervals import reach_in
 
 RMS, LARGEST = "volumetric-rms", "volumetric-largest"
-"""The volumetric error without rigid motion, over the survey's own volume (contract 4, ``predicted``)."""
+"""The volumetric error without rigid motion, over the survey's own volume (contract 4,
+``predicted``)."""
 SCALE = "scale-"
 _MOMENT = "%Y-%m-%d %H:%M UTC"
 
@@ -71,13 +73,19 @@ def about(result: Result, survey: str) -> About:
             remedy=message("solve-from-logs"),
         )
     return About(
-        machine=facts.machine, survey=survey, time=_time(facts, result.source), event=facts.event, method=result.method,
-        software=result.software.version, conditions=json.dumps(_conditions(result, facts), sort_keys=True, ensure_ascii=False),
-    )  # fmt: skip
+        machine=facts.machine,
+        survey=survey,
+        time=_time(facts, result.source),
+        event=facts.event,
+        method=result.method,
+        software=result.software.version,
+        conditions=json.dumps(_conditions(result, facts), sort_keys=True, ensure_ascii=False),
+    )
 
 
 def rows_of(result: Result) -> Iterator[Row]:
-    """Yield every number that the result identifies: functions, squareness, scale, volumetric error."""
+    """Yield every number that the result identifies: functions, squareness, scale, volumetric
+    error."""
 
     def common(name: str, u: float | None) -> float | None:
         return None if u is None else u * common_share(result.budget, name, same_instruments=True)
@@ -85,26 +93,53 @@ def rows_of(result: Result) -> Iterator[Row]:
     for name, function in result.errors.items():
         if function.value is None:
             continue
-        values = zip(function.position_mm.tolist(), function.value.tolist(), _listed(function), strict=True)
+        values = zip(
+            function.position_mm.tolist(), function.value.tolist(), _listed(function), strict=True
+        )
         for at, value, u in values:
-            yield Row(quantity=name, axis=name[2], position_mm=at, value=value, u=u, unit=function.unit, u_common=common(name, u))
+            yield Row(
+                quantity=name,
+                axis=name[2],
+                position_mm=at,
+                value=value,
+                u=u,
+                unit=function.unit,
+                u_common=common(name, u),
+            )
     for name, number in result.squareness.items():
         if number.value is not None:
             yield Row(
-                quantity=name, axis="", position_mm=None, value=number.value, u=number.u, unit=number.unit, u_common=common(name, number.u)
+                quantity=name,
+                axis="",
+                position_mm=None,
+                value=number.value,
+                u=number.u,
+                unit=number.unit,
+                u_common=common(name, number.u),
             )
     for axis, scale in result.scale.items():
         if scale.identified and scale.value is not None:
             yield Row(
-                quantity=f"{SCALE}{axis}", axis=axis, position_mm=None, value=scale.value, u=scale.u, unit=scale.unit,
+                quantity=f"{SCALE}{axis}",
+                axis=axis,
+                position_mm=None,
+                value=scale.value,
+                u=scale.u,
+                unit=scale.unit,
                 u_common=common(axis, scale.u),
-            )  # fmt: skip
+            )
     reach = reach_in(result)
     for name, interval in ((RMS, reach.rms_before), (LARGEST, reach.largest_before)):
         yield Row(
-            quantity=name, axis="", position_mm=None, value=interval.value_um, u=_u_um(interval), unit="um",
-            low=interval.low_um, high=interval.high_um,
-        )  # fmt: skip
+            quantity=name,
+            axis="",
+            position_mm=None,
+            value=interval.value_um,
+            u=_u_um(interval),
+            unit="um",
+            low=interval.low_um,
+            high=interval.high_um,
+        )
 
 
 def _listed(function: Function) -> list[float | None]:
@@ -113,7 +148,11 @@ def _listed(function: Function) -> list[float | None]:
 
 def _u_um(interval: Interval) -> float | None:
     """Return the standard uncertainty that an interval at k = 2 stands for."""
-    return None if interval.low_um is None or interval.high_um is None else (interval.high_um - interval.low_um) / 4
+    return (
+        None
+        if interval.low_um is None or interval.high_um is None
+        else (interval.high_um - interval.low_um) / 4
+    )
 
 
 def _time(facts: Facts, source: str) -> datetime:
@@ -123,11 +162,19 @@ def _time(facts: Facts, source: str) -> datetime:
         except ValueError:
             continue
     raise DataError(
-        source, expected=message("result-with", what=message("date-of-measuring")), found=message("none"), remedy=message("solve-from-logs")
+        source,
+        expected=message("result-with", what=message("date-of-measuring")),
+        found=message("none"),
+        remedy=message("solve-from-logs"),
     )
 
 
 def _conditions(result: Result, facts: Facts) -> dict[str, Any]:
-    """Return the sensors' extremes, what compensation was active, by the beginning of its hashes, and what the result compares with."""
+    """Return the sensors' extremes, what compensation was active, by the beginning of its hashes,
+    and what the result compares with."""
     hashes = sorted(each.sha256[:12] for each in facts.active_files)
-    return {"sensors": written(result.conditions or Conditions()), "active": hashes, **asdict(standing_of(result))}
+    return {
+        "sensors": written(result.conditions or Conditions()),
+        "active": hashes,
+        **asdict(standing_of(result)),
+    }

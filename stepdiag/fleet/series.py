@@ -25,7 +25,8 @@ OF_VOLUME = (RMS, LARGEST)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """One survey; ``active`` are the hashes of the tables that were loaded, ``standing`` decides with what it is held against others."""
+    """One survey; ``active`` are the hashes of the tables that were loaded, ``standing`` decides
+    with what it is held against others."""
 
     time: datetime
     name: str
@@ -36,7 +37,8 @@ class Survey:
 
 
 class Point(NamedTuple):
-    """One quantity in one survey as a person reads it; ``u`` is None where none is stated, ``low`` and ``high`` NaN where it is even."""
+    """One quantity in one survey as a person reads it; ``u`` is None where none is stated, ``low``
+    and ``high`` NaN where it is even."""
 
     survey: Survey
     value: float
@@ -50,7 +52,8 @@ class Point(NamedTuple):
         return self.survey.time
 
     def interval(self) -> tuple[float, float]:
-        """Return the magnitudes between which the figure lies at k = 2; the figure itself twice where no uncertainty is stated."""
+        """Return the magnitudes between which the figure lies at k = 2; the figure itself twice
+        where no uncertainty is stated."""
         if math.isfinite(self.low) and math.isfinite(self.high):
             return self.low, self.high
         expanded = 2 * (self.u or 0.0)
@@ -59,10 +62,12 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes (surveys, nodes), NaN for what is not stated.
+    """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes
+    (surveys, nodes), NaN for what is not stated.
 
-    ``common`` is the share of u that surveys by the same instruments have in common, ``shown`` what a person reads: value, u, low, high.
-    ``other`` is why these surveys stand beside the others of the machine, None for those that are held against one another.
+    ``common`` is the share of u that surveys by the same instruments have in common, ``shown`` what
+    a person reads: value, u, low, high. ``other`` is why these surveys stand beside the others of
+    the machine, None for those that are held against one another.
     """
 
     machine: str
@@ -107,8 +112,13 @@ def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
     except (ValueError, AttributeError, RecursionError):
         return (), Standing()
     usual = Standing()
-    known = {name: _typed(stated.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
-    if len(known["volume_mm"]) != 6 or not all(isinstance(each, int | float) for each in known["volume_mm"]):
+    known = {
+        name: _typed(stated.get(name), getattr(usual, name))
+        for name in Standing.__dataclass_fields__
+    }
+    if len(known["volume_mm"]) != 6 or not all(
+        isinstance(each, int | float) for each in known["volume_mm"]
+    ):
         known["volume_mm"] = ()
     return (tuple(map(str, active)) if isinstance(active, list) else ()), Standing(**known)
 
@@ -116,15 +126,23 @@ def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
 def _typed(value: Any, usual: Any) -> Any:
     """Return a value where it is of the type of the usual one; a list becomes a tuple."""
     if isinstance(usual, tuple):
-        return tuple(value) if isinstance(value, list) and all(isinstance(each, int | float | str) for each in value) else usual
+        return (
+            tuple(value)
+            if isinstance(value, list)
+            and all(isinstance(each, int | float | str) for each in value)
+            else usual
+        )
     return value if type(value) is type(usual) else usual
 
 
 Groups = list[tuple[dict[int, Survey], Message | None]]
 
 
-def parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
-    """Return the surveys that are held against one another, the newest's first, and those that are left out."""
+def parted(
+    machine: str, surveys: Mapping[int, Survey], now: datetime
+) -> tuple[Groups, list[LeftOut]]:
+    """Return the surveys that are held against one another, the newest's first, and those that are
+    left out."""
     kept: dict[int, Survey] = {}
     left_out = []
     for key, each in surveys.items():
@@ -136,7 +154,9 @@ def parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[
     groups: Groups = []
     while kept:
         newest = next(reversed(kept.values()))
-        alike = {key: each for key, each in kept.items() if apart(newest.standing, each.standing) is None}
+        alike = {
+            key: each for key, each in kept.items() if apart(newest.standing, each.standing) is None
+        }
         main = next(iter(groups[0][0].values())).standing if groups else None
         groups.append((alike, None if main is None else apart(main, newest.standing)))
         kept = {key: each for key, each in kept.items() if key not in alike}
@@ -159,10 +179,19 @@ def by_volume(series: Series) -> Iterator[Series]:
         last = series.surveys[left[-1]].standing
         alike = [number for number in left if _volume_alike(series.surveys[number].standing, last)]
         other = series.other if last is newest else message("differs-volume")
-        yield series if len(alike) == len(series.surveys) else replace(
-            series, surveys=tuple(series.surveys[number] for number in alike), values=series.values[alike], u=series.u[alike],
-            common=series.common[alike], shown=series.shown[alike], other=other,
-        )  # fmt: skip
+        yield (
+            series
+            if len(alike) == len(series.surveys)
+            else replace(
+                series,
+                surveys=tuple(series.surveys[number] for number in alike),
+                values=series.values[alike],
+                u=series.u[alike],
+                common=series.common[alike],
+                shown=series.shown[alike],
+                other=other,
+            )
+        )
         left = [number for number in left if number not in alike]
 
 

@@ -2,16 +2,20 @@
 changed.
 
     stepdiag-store.json                            which layout
-    machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in archived.json
-    machine=<id>/year=<y>/<survey>.parquet         its numbers; written last: without it a survey is not there
+    machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in
+    archived.json
+    machine=<id>/year=<y>/<survey>.parquet         its numbers; written last: without it a survey is
+    not there
     machine=<id>/year=<y>/<survey>@<software>/...  solved anew; with its <survey>@<software>.parquet
-    series.index                                   every quantity of every survey, in one file, for speed; made again at any time
+    series.index                                   every quantity of every survey, in one file, for
+    speed; made again at any time
 
 Every byte behind a figure is under a hash that is compared: `archived.json` states the hash of the
 survey's files and of its table, and has a canonical form itself; the index begins with the hash of
 the rest.
 
-Two writers at once do not meet: they write under names of their own, and rename. Names of machines are percent-encoded.
+Two writers at once do not meet: they write under names of their own, and rename. Names of machines
+are percent-encoded.
 """
 
 import hashlib
@@ -55,7 +59,8 @@ def sha256(data: bytes) -> str:
 
 
 class Listed(NamedTuple):
-    """The SHA-256 of a survey's files by name, and of its table; empty where an older version of the program wrote no hash."""
+    """The SHA-256 of a survey's files by name, and of its table; empty where an older version of
+    the program wrote no hash."""
 
     files: dict[str, str]
     table: str
@@ -89,9 +94,16 @@ class Place(NamedTuple):
 
 
 def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
-    """Return the list of a survey's files with their SHA-256; ``table`` is that of its numbers, empty in what older versions wrote."""
+    """Return the list of a survey's files with their SHA-256; ``table`` is that of its numbers,
+    empty in what older versions wrote."""
     stated = {"table": table} if table else {}
-    manifest = {"format": LISTED_FORMAT, "version": LISTED_VERSION, "machine": place.machine, "survey": place.survey, "files": dict(files)}
+    manifest = {
+        "format": LISTED_FORMAT,
+        "version": LISTED_VERSION,
+        "machine": place.machine,
+        "survey": place.survey,
+        "files": dict(files),
+    }
     return json.dumps(manifest | stated, indent=1, sort_keys=True).encode() + b"\n"
 
 
@@ -106,7 +118,12 @@ def unsealed(data: bytes, name: str) -> bytes:
     """Return the bytes behind their hash. Raises DataError where they are others."""
     stated, _, rest = data.partition(b"\n")
     if stated != sha256(rest).encode():
-        raise DataError(name, expected=f"SHA-256 {excerpt(stated.decode('ascii', 'replace'))}", found=sha256(rest), remedy=INDEX_REMEDY)
+        raise DataError(
+            name,
+            expected=f"SHA-256 {excerpt(stated.decode('ascii', 'replace'))}",
+            found=sha256(rest),
+            remedy=INDEX_REMEDY,
+        )
     return rest
 
 
@@ -155,7 +172,11 @@ class Store:
         DataError for a file too large.
         """
         found, size = hashlib.sha256(), 0
-        with refusing(name), self._files.open(self.path(name), "rb") as file, open(target or os.devnull, "wb") as copy:  # noqa: PTH123
+        with (
+            refusing(name),
+            self._files.open(self.path(name), "rb") as file,
+            open(target or os.devnull, "wb") as copy,  # noqa: PTH123
+        ):
             while piece := file.read(_PIECE_BYTES):
                 found.update(piece)
                 size += copy.write(piece)
@@ -182,7 +203,9 @@ class Store:
                 _publish(folder / "written", Path(target), anew=anew)
                 sync_folder(Path(target).parent)
 
-    def write_checked(self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256) -> bytes:
+    def write_checked(
+        self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256
+    ) -> bytes:
         """Write a file, read it back and return its bytes; an existing file of the same meaning
         stays, its bytes unless replaced.
 
@@ -195,21 +218,36 @@ class Store:
         found = meaning(there)
         if found != wanted:
             remedy = message("never-overwritten")
-            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or message("damaged-file"), remedy=remedy)
+            raise DataError(
+                f"{self.address}: {name}",
+                expected=f"SHA-256 {wanted}",
+                found=found or message("damaged-file"),
+                remedy=remedy,
+            )
         return there
 
     def state(self) -> tuple[object, ...]:
-        """Return something that is another after every change: which surveys are there, and when index and tolerances were written."""
+        """Return something that is another after every change: which surveys are there, and when
+        index and tolerances were written."""
         stamps = []
         for name in (INDEX, "tolerances.toml"):
             with refusing(name):
-                stamps.append(self._files.modified(self.path(name)) if self._files.exists(self.path(name)) else None)
+                stamps.append(
+                    self._files.modified(self.path(name))
+                    if self._files.exists(self.path(name))
+                    else None
+                )
         return (tuple(self.tables()), *stamps)
 
     def tables(self) -> list[Place]:
-        """Return every survey that is whole, by machine, year and name; what was solved anew behind what was archived."""
+        """Return every survey that is whole, by machine, year and name; what was solved anew behind
+        what was archived."""
         with refusing(self.address):
-            known = _local_tables(Path(self.root)) if self.is_local else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
+            known = (
+                _local_tables(Path(self.root))
+                if self.is_local
+                else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
+            )
             found = list(known)  # a folder is read here, where its refusal is named
         return sorted(map(_place, map(str, found)))
 
@@ -222,22 +260,33 @@ class Store:
             raise DataError(f"{self.address}: {name}", expected="JSON", found=str(error)) from error
 
     def listed(self, place: Place) -> Listed:
-        """Return the hashes of a survey's files and table. Of a survey that an older version solved anew there are none.
+        """Return the hashes of a survey's files and table. Of a survey that an older version solved
+        anew there are none.
 
         Raises DataError where the list is not, to the byte, as it is written.
         """
         if place.software and not self.exists(place.listed):
             return Listed({}, "")
         listed = self.json(place.listed)
-        files, table = (listed.get("files"), listed.get("table", "")) if isinstance(listed, dict) else (None, "")
-        if isinstance(files, dict) and RESULT in files and all(map(_is_hash, (*files.values(), table or "0" * 64))):
+        files, table = (
+            (listed.get("files"), listed.get("table", ""))
+            if isinstance(listed, dict)
+            else (None, "")
+        )
+        if (
+            isinstance(files, dict)
+            and RESULT in files
+            and all(map(_is_hash, (*files.values(), table or "0" * 64)))
+        ):
             known = Listed(files, table)
             if self.read(place.listed, largest=LARGEST_JSON_BYTES) == manifest_of(place, *known):
                 return known
         raise DataError(
-            f"{self.address}: {place.listed}", expected=message("list-of-survey"),
-            found=excerpt(json.dumps(listed)), remedy=message("restore-from-copy"),
-        )  # fmt: skip
+            f"{self.address}: {place.listed}",
+            expected=message("list-of-survey"),
+            found=excerpt(json.dumps(listed)),
+            remedy=message("restore-from-copy"),
+        )
 
     @property
     def filesystem(self) -> Any:
@@ -255,8 +304,15 @@ class Store:
         mark = self.json(MARK)
         version = mark.get("version") if isinstance(mark, dict) else None
         if not isinstance(mark, dict) or mark.get("format") != FORMAT or version != VERSION:
-            remedy = message("newer-reads") if isinstance(version, int) and version > VERSION else ""
-            raise UsageError(f"{self.address}: {MARK}", expected=f"{FORMAT}, version {VERSION}", found=str(mark), remedy=remedy)
+            remedy = (
+                message("newer-reads") if isinstance(version, int) and version > VERSION else ""
+            )
+            raise UsageError(
+                f"{self.address}: {MARK}",
+                expected=f"{FORMAT}, version {VERSION}",
+                found=str(mark),
+                remedy=remedy,
+            )
 
 
 @contextmanager
@@ -269,7 +325,11 @@ def refusing(name: str) -> Iterator[None]:
     except (UsageError, DataError):
         raise
     except (OSError, ValueError, ImportError, RuntimeError) as error:
-        why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
+        why = (
+            (error.strerror if isinstance(error, OSError) else None)
+            or str(error)
+            or type(error).__name__
+        )
         raise UsageError(name, expected=message("readable-and-writable"), found=why) from error
 
 
@@ -281,7 +341,11 @@ def _local_tables(root: Path) -> Iterator[str]:
     """Yield what the glob would, in a tenth of its time: of a folder only names are read."""
     for machine in _names(root, "machine="):
         for year in _names(root / machine, "year="):
-            yield from (f"{machine}/{year}/{name}" for name in _names(root / machine / year) if name.endswith(TABLE_SUFFIX))
+            yield from (
+                f"{machine}/{year}/{name}"
+                for name in _names(root / machine / year)
+                if name.endswith(TABLE_SUFFIX)
+            )
 
 
 def _names(folder: Path, prefix: str = "") -> list[str]:
@@ -291,7 +355,12 @@ def _names(folder: Path, prefix: str = "") -> list[str]:
 def _place(path: str) -> Place:
     machine, year, file = path.split("/")[-3:]
     survey, _, software = file.removesuffix(TABLE_SUFFIX).partition("@")
-    return Place(unquote(machine.removeprefix("machine=")), year.removeprefix("year="), survey, unquote(software))
+    return Place(
+        unquote(machine.removeprefix("machine=")),
+        year.removeprefix("year="),
+        survey,
+        unquote(software),
+    )
 
 
 def _publish(part: Path, target: Path, *, anew: bool) -> None:

@@ -32,12 +32,25 @@ _MARK, _RESULT, _WRITER = b"stepdiag-rows", b"stepdiag-result-sha256", b"stepdia
 _WORD = pa.dictionary(pa.int32(), pa.string())
 SCHEMA = pa.schema(
     [
-        ("machine", _WORD), ("survey", _WORD), ("time", pa.timestamp("us", tz="UTC")), ("event", _WORD),
-        ("quantity", _WORD), ("axis", _WORD), ("position_mm", pa.float64()), ("value", pa.float64()), ("u", pa.float64()),
-        ("k", pa.int8()), ("unit", _WORD), ("method", _WORD), ("software", _WORD), ("conditions", _WORD),
-        ("u_common", pa.float64()), ("low", pa.float64()), ("high", pa.float64()),
+        ("machine", _WORD),
+        ("survey", _WORD),
+        ("time", pa.timestamp("us", tz="UTC")),
+        ("event", _WORD),
+        ("quantity", _WORD),
+        ("axis", _WORD),
+        ("position_mm", pa.float64()),
+        ("value", pa.float64()),
+        ("u", pa.float64()),
+        ("k", pa.int8()),
+        ("unit", _WORD),
+        ("method", _WORD),
+        ("software", _WORD),
+        ("conditions", _WORD),
+        ("u_common", pa.float64()),
+        ("low", pa.float64()),
+        ("high", pa.float64()),
     ]
-)  # fmt: skip
+)
 COLUMNS = tuple(SCHEMA.names)
 _BY = "parquet-cpp-arrow version "
 PLACE = "place"
@@ -46,23 +59,34 @@ _LIST = pa.list_(pa.float32())
 _OF_SURVEY = ("survey", "time", "event", "conditions", "software")
 INDEX_SCHEMA = pa.schema(
     [
-        *(SCHEMA.field(name) for name in ("machine", "quantity", "unit", *_OF_SURVEY, "value", "u", "low", "high")),
-        ("common", pa.float32()), ("positions", _LIST), ("values", _LIST), ("us", _LIST), (PLACE, _WORD),
+        *(
+            SCHEMA.field(name)
+            for name in ("machine", "quantity", "unit", *_OF_SURVEY, "value", "u", "low", "high")
+        ),
+        ("common", pa.float32()),
+        ("positions", _LIST),
+        ("values", _LIST),
+        ("us", _LIST),
+        (PLACE, _WORD),
     ]
-)  # fmt: skip
-"""``value``, ``u``, ``low``, ``high``: what a table shows; ``common``: the share of u that surveys by the same instruments share."""
+)
+"""``value``, ``u``, ``low``, ``high``: what a table shows; ``common``: the share of u that surveys
+by the same instruments share."""
 MOST_ROWS = 300_000
 """A survey of every kind of setup has a few thousand rows, a single axis at most as many as its
 readings.
 """
 MOST_POINTS_A_SURVEY = 100
-"""A result has 18 functions, 3 squarenesses, 3 scales and 2 figures of the volume: 26 quantities."""
+"""A result has 18 functions, 3 squarenesses, 3 scales and 2 figures of the volume: 26
+quantities."""
 LARGEST_POINT_BYTES = 4000
 """The conditions of a survey stand beside each of its points, and the nodes of a function: three
 numbers each.
 """
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
-_EARLIEST, _LATEST = (pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC")) for year in (1, 9999))
+_EARLIEST, _LATEST = (
+    pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC")) for year in (1, 9999)
+)
 _REMEDY = message("remove-table")
 
 
@@ -74,9 +98,12 @@ def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
 
 
 def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
-    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows comes with the folder of its survey."""
+    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows comes with
+    the folder of its survey."""
     found = [row for table, folder in tables for row in _quantities(table, folder)]
-    return pa.table({name: [row[name] for row in found] for name in INDEX_SCHEMA.names}, schema=INDEX_SCHEMA)
+    return pa.table(
+        {name: [row[name] for row in found] for name in INDEX_SCHEMA.names}, schema=INDEX_SCHEMA
+    )
 
 
 def _quantities(table: pa.Table, folder: str) -> Iterator[dict[str, object]]:
@@ -93,27 +120,44 @@ def _quantities(table: pa.Table, folder: str) -> Iterator[dict[str, object]]:
         function = columns["position_mm"][first] is not None
         value, u = _shown(values, us) if function else (values[0], us[0])
         yield shared | {
-            "quantity": quantity, "value": value, "u": u, "low": columns["low"][first], "high": columns["high"][first],
-            "common": max(known, default=0.0), "positions": [columns["position_mm"][at] for at in rows] if function else [],
-            "values": values, "us": [math.nan if each is None else each for each in us], PLACE: folder,
-        }  # fmt: skip
+            "quantity": quantity,
+            "value": value,
+            "u": u,
+            "low": columns["low"][first],
+            "high": columns["high"][first],
+            "common": max(known, default=0.0),
+            "positions": [columns["position_mm"][at] for at in rows] if function else [],
+            "values": values,
+            "us": [math.nan if each is None else each for each in us],
+            PLACE: folder,
+        }
 
 
 def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, float | None]:
     """Return the range of a function and the uncertainty of the difference of its extremes."""
     low, high = int(np.argmin(values)), int(np.argmax(values))
     one, other = us[low], us[high]
-    return values[high] - values[low], None if one is None or other is None else math.hypot(one, other)
+    return values[high] - values[low], None if one is None or other is None else math.hypot(
+        one, other
+    )
 
 
 def to_parquet(table: pa.Table, result: str = "") -> bytes:
-    """Return the bytes of a table: the same for the same rows. ``result`` is the SHA-256 of the result that the rows are from."""
+    """Return the bytes of a table: the same for the same rows. ``result`` is the SHA-256 of the
+    result that the rows are from."""
     out = io.BytesIO()
     with pq.ParquetWriter(
-        out, table.schema, compression="zstd", compression_level=9, write_statistics=["time"], store_schema=False
+        out,
+        table.schema,
+        compression="zstd",
+        compression_level=9,
+        write_statistics=["time"],
+        store_schema=False,
     ) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({_MARK: VERSION, _WRITER: pa.cpp_version} | ({_RESULT: result} if result else {}))
+        writer.add_key_value_metadata(
+            {_MARK: VERSION, _WRITER: pa.cpp_version} | ({_RESULT: result} if result else {})
+        )
     return out.getvalue()
 
 
@@ -133,7 +177,9 @@ def written_by_another(data: bytes) -> bool:
         metadata = pq.read_metadata(pa.BufferReader(data))
         version = _known(metadata).get(_WRITER, b"").decode("ascii")
         by = str(metadata.created_by)
-        return by != _BY + pa.cpp_version and (not version or (version != pa.cpp_version and by == _BY + version))
+        return by != _BY + pa.cpp_version and (
+            not version or (version != pa.cpp_version and by == _BY + version)
+        )
 
 
 def _known(metadata: pq.FileMetaData) -> dict[bytes, bytes]:
@@ -153,13 +199,21 @@ def read_table(store: Store, place: Place) -> pa.Table:
 def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
     data = store.read(place.table)
     if stated and sha256(data) != stated:
-        raise DataError(place.table, expected=f"SHA-256 {stated}", found=sha256(data), remedy=_REMEDY)
+        raise DataError(
+            place.table, expected=f"SHA-256 {stated}", found=sha256(data), remedy=_REMEDY
+        )
     rows = from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES)
     if not stated:
         result = store.read(f"{place.folder}/{RESULT}")
-        if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(data) not in (sha256(result), ""):
+        if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(data) not in (
+            sha256(result),
+            "",
+        ):
             raise DataError(
-                place.table, expected=message("numbers-of", name=f"{place.folder}/{RESULT}"), found=message("another-one"), remedy=_REMEDY
+                place.table,
+                expected=message("numbers-of", name=f"{place.folder}/{RESULT}"),
+                found=message("another-one"),
+                remedy=_REMEDY,
             )
     return rows
 
@@ -171,14 +225,17 @@ def rows_from(result: bytes, place: Place) -> pa.Table:
 
 
 def read_index(store: Store, surveys: int) -> pa.Table:
-    """Return the points of a store that has so many surveys, a table of `INDEX_SCHEMA`. Raises DataError as `from_parquet` does."""
+    """Return the points of a store that has so many surveys, a table of `INDEX_SCHEMA`. Raises
+    DataError as `from_parquet` does."""
     most = MOST_POINTS_A_SURVEY * surveys
     largest = max(LARGEST_BYTES, LARGEST_POINT_BYTES * most)
     data = unsealed(store.read(INDEX, largest=largest), INDEX)
     return from_parquet(data, INDEX, INDEX_SCHEMA, max(MOST_ROWS, most), largest)
 
 
-def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, largest: int) -> pa.Table:
+def from_parquet(
+    data: bytes, name: str, schema: pa.Schema, most_rows: int, largest: int
+) -> pa.Table:
     """Return the table in a file, of ``schema``.
 
     Raises DataError for a file that is damaged, foreign, of a newer version, too large, or with an
@@ -189,26 +246,51 @@ def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, larg
         metadata = pq.read_metadata(pa.BufferReader(data))
         _require_ours(metadata, name, schema)
         _require_small(metadata, name, most_rows, largest)
-        table = pq.ParquetFile(pa.BufferReader(data), read_dictionary=[field.name for field in schema if field.type == _WORD]).read()
-        table.validate(full=True)  # words that are no UTF-8 are read as they stand, and fail where they are used
+        table = pq.ParquetFile(
+            pa.BufferReader(data),
+            read_dictionary=[field.name for field in schema if field.type == _WORD],
+        ).read()
+        table.validate(
+            full=True
+        )  # words that are no UTF-8 are read as they stand, and fail where they are used
         for lacking in schema.names[len(table.schema.names) :]:
-            table = table.append_column(schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type))
+            table = table.append_column(
+                schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type)
+            )
         if table.schema.types != schema.types:
-            raise DataError(name, expected=f"columns {_described(schema)}", found=_described(table.schema), remedy=_REMEDY)
+            raise DataError(
+                name,
+                expected=f"columns {_described(schema)}",
+                found=_described(table.schema),
+                remedy=_REMEDY,
+            )
     _require_values(table, name)
     return table
 
 
 def _require_ours(metadata: pq.FileMetaData, name: str, schema: pa.Schema) -> None:
     marked = (metadata.metadata or {}).get(_MARK, b"").decode("ascii", "replace")
-    names = schema.names[: schema.names.index("u_common")] if marked == OLDEST and "u_common" in schema.names else schema.names
+    names = (
+        schema.names[: schema.names.index("u_common")]
+        if marked == OLDEST and "u_common" in schema.names
+        else schema.names
+    )
     if marked not in (VERSION, OLDEST) or metadata.schema.to_arrow_schema().names != names:
-        remedy = message("newer-reads") if marked.isdecimal() and int(marked) > int(VERSION) else _REMEDY
-        raise DataError(name, expected=message("rows-of-version", version=VERSION), found=marked or message("none"), remedy=remedy)
+        remedy = (
+            message("newer-reads") if marked.isdecimal() and int(marked) > int(VERSION) else _REMEDY
+        )
+        raise DataError(
+            name,
+            expected=message("rows-of-version", version=VERSION),
+            found=marked or message("none"),
+            remedy=remedy,
+        )
 
 
 def _require_small(metadata: pq.FileMetaData, name: str, most_rows: int, largest: int) -> None:
-    unpacked = sum(metadata.row_group(number).total_byte_size for number in range(metadata.num_row_groups))
+    unpacked = sum(
+        metadata.row_group(number).total_byte_size for number in range(metadata.num_row_groups)
+    )
     if metadata.num_rows > most_rows or unpacked > largest:
         raise DataError(
             name,
@@ -220,26 +302,48 @@ def _require_small(metadata: pq.FileMetaData, name: str, most_rows: int, largest
 
 def _require_values(table: pa.Table, name: str) -> None:
     """Raise DataError for a row with nothing, or with a number or a time, that no result has."""
-    wrong = [column for column in _REQUIRED if column in table.column_names and table[column].null_count]
-    numbers = {name: table[name] for name in ("value", "u", "u_common", "low", "high", "common") if name in table.column_names}
-    lists = {name: table[name] for name in ("positions", "values", "us") if name in table.column_names}
+    wrong = [
+        column for column in _REQUIRED if column in table.column_names and table[column].null_count
+    ]
+    numbers = {
+        name: table[name]
+        for name in ("value", "u", "u_common", "low", "high", "common")
+        if name in table.column_names
+    }
+    lists = {
+        name: table[name] for name in ("positions", "values", "us") if name in table.column_names
+    }
     numbers |= {name: pc.list_flatten(each) for name, each in lists.items() if name != "us"}
     wrong += [name for name, each in numbers.items() if not _all(pc.is_finite(each))]
-    wrong += [name for name in ("u", "u_common", "common") if name in numbers and not _all(pc.greater_equal(numbers[name], 0.0))]
+    wrong += [
+        name
+        for name in ("u", "u_common", "common")
+        if name in numbers and not _all(pc.greater_equal(numbers[name], 0.0))
+    ]
     if lists and (any(each.null_count for each in lists.values()) or not _as_long(lists)):
         wrong += list(lists)
-    if not _all(pc.and_(pc.greater_equal(table["time"], _EARLIEST), pc.less(table["time"], _LATEST))):
+    if not _all(
+        pc.and_(pc.greater_equal(table["time"], _EARLIEST), pc.less(table["time"], _LATEST))
+    ):
         wrong.append("time")
     if wrong:
         raise DataError(
-            name, expected=message("values-of-result"), found=message("several-others", names=list(dict.fromkeys(wrong))), remedy=_REMEDY
+            name,
+            expected=message("values-of-result"),
+            found=message("several-others", names=list(dict.fromkeys(wrong))),
+            remedy=_REMEDY,
         )
 
 
 def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
-    """Return whether every quantity has as many uncertainties as values, and as many positions or none."""
-    positions, values, us = (pc.list_value_length(lists[name]) for name in ("positions", "values", "us"))
-    nodes = pc.or_(pc.equal(positions, values), pc.and_(pc.equal(positions, 0), pc.equal(values, 1)))
+    """Return whether every quantity has as many uncertainties as values, and as many positions or
+    none."""
+    positions, values, us = (
+        pc.list_value_length(lists[name]) for name in ("positions", "values", "us")
+    )
+    nodes = pc.or_(
+        pc.equal(positions, values), pc.and_(pc.equal(positions, 0), pc.equal(values, 1))
+    )
     return _all(pc.and_(pc.and_(pc.equal(values, us), pc.greater(values, 0)), nodes))
 
 
@@ -257,4 +361,6 @@ def _damage_named(name: str) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(name, expected=message("parquet-of-store"), found=str(error), remedy=_REMEDY) from error
+        raise DataError(
+            name, expected=message("parquet-of-store"), found=str(error), remedy=_REMEDY
+        ) from error

@@ -25,7 +25,8 @@ Largest = Annotated[float, Meta(gt=0, le=1e6)]
 
 
 class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitude allowed, by quantity, in its unit; a machine's own stands before that of all."""
+    """The largest magnitude allowed, by quantity, in its unit; a machine's own stands before that
+    of all."""
 
     all: dict[str, Largest] = field(default_factory=dict)
     machine: dict[str, dict[str, Largest]] = field(default_factory=dict)
@@ -36,7 +37,10 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def together_with(self, given: Mapping[str, float]) -> "Tolerances":
         """Return these with others that are meant for every machine, beside the file."""
-        own = {name: {quantity: value for quantity, value in of.items() if quantity not in given} for name, of in self.machine.items()}
+        own = {
+            name: {quantity: value for quantity, value in of.items() if quantity not in given}
+            for name, of in self.machine.items()
+        }
         return Tolerances(all={**self.all, **given}, machine=own)
 
 
@@ -49,28 +53,46 @@ def tolerances_in(store: Store) -> Tolerances:
         return Tolerances()
     data, beside = store.read(FILE, largest=LARGEST_SETTINGS_BYTES), FILE + HASH_SUFFIX
     if store.exists(beside):
-        require_hash(data, store.read(beside, largest=LARGEST_SETTINGS_BYTES), f"{store.address}: {FILE}", beside)
+        require_hash(
+            data,
+            store.read(beside, largest=LARGEST_SETTINGS_BYTES),
+            f"{store.address}: {FILE}",
+            beside,
+        )
     text = as_text(data, FILE, UsageError)
     return convert(read_toml(text, FILE), Tolerances, FILE)
 
 
 def require_known(tolerances: Tolerances, series: Sequence[Series], source: str) -> None:
-    """Raise UsageError for a quantity that no machine of the store has: a word mistyped would watch over nothing."""
+    """Raise UsageError for a quantity that no machine of the store has: a word mistyped would watch
+    over nothing."""
     known = {each.quantity for each in series}
-    unknown = sorted({*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known)
+    unknown = sorted(
+        {*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known
+    )
     if unknown:
-        raise UsageError(source, expected=message("one-of", names=sorted(known)), found=", ".join(unknown))
+        raise UsageError(
+            source, expected=message("one-of", names=sorted(known)), found=", ".join(unknown)
+        )
     for machine, of in tolerances.machine.items():
         _require_of(machine, of, series, source)
 
 
-def _require_of(machine: str, of: Mapping[str, float], series: Sequence[Series], source: str) -> None:
+def _require_of(
+    machine: str, of: Mapping[str, float], series: Sequence[Series], source: str
+) -> None:
     """Raise UsageError for a machine missing in the store, and for a quantity missing in the
     machine.
     """
     own = {each.quantity for each in series if each.machine == machine}
     if not own:
         known = sorted({each.machine for each in series})
-        raise UsageError(f"{source}: machine", expected=message("one-of", names=known), found=repr(machine))
+        raise UsageError(
+            f"{source}: machine", expected=message("one-of", names=known), found=repr(machine)
+        )
     if unknown := sorted(set(of) - own):
-        raise UsageError(f"{source}: machine.{machine!r}", expected=message("one-of", names=sorted(own)), found=", ".join(unknown))
+        raise UsageError(
+            f"{source}: machine.{machine!r}",
+            expected=message("one-of", names=sorted(own)),
+            found=", ".join(unknown),
+        )

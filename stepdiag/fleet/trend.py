@@ -1,7 +1,8 @@
 """Changes on each machine of a store, their time and cause; and the time when a figure leaves its
 tolerance.
 
-The model of a machine over time: `stepdiag.comparing.evolution`. A day of leaving comes from an accepted line, towards the tolerance alone.
+The model of a machine over time: `stepdiag.comparing.evolution`. A day of leaving comes from an
+accepted line, towards the tolerance alone.
 """
 
 import math
@@ -17,7 +18,17 @@ from stepdiag.base.conformity import verdict_of
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Verdict as Conforming
 from stepdiag.comparing.chance import Verdict
-from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter, waves_of
+from stepdiag.comparing.evolution import (
+    HELD,
+    Calendar,
+    Course,
+    Explained,
+    Figures,
+    explained,
+    fit,
+    scatter,
+    waves_of,
+)
 from stepdiag.fleet.series import OF_VOLUME, Point, Series, Survey
 from stepdiag.texts.texts import UNITS
 
@@ -26,12 +37,17 @@ YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
 """Beyond this a date is no information about a machine."""
 STATES = ("yes", "perhaps", "no")
-CONFORMITY: dict[str, Conforming] = {"yes": "not_conform", "perhaps": "not_decidable", "no": "conform"}
+CONFORMITY: dict[str, Conforming] = {
+    "yes": "not_conform",
+    "perhaps": "not_decidable",
+    "no": "conform",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
-    """When the line reaches the tolerance, and between which dates at k = 2; None is not before `LATEST`. ``tolerance`` has its sign."""
+    """When the line reaches the tolerance, and between which dates at k = 2; None is not before
+    `LATEST`. ``tolerance`` has its sign."""
 
     tolerance: float
     earliest: datetime | None
@@ -79,24 +95,34 @@ class Trend:
         return tuple(each for each in self.explained.courses if each.kind == "step")
 
     def cause(self, course: Course) -> Message | str:
-        """Return what happened in the time in which a step lies; empty where no survey names anything."""
+        """Return what happened in the time in which a step lies; empty where no survey names
+        anything."""
         surveys = self.series.surveys
-        named = [surveys[at].event for at in (course.at, *range(course.first + 1, course.last + 1)) if surveys[at].event]
+        named = [
+            surveys[at].event
+            for at in (course.at, *range(course.first + 1, course.last + 1))
+            if surveys[at].event
+        ]
         loaded = surveys[course.at - 1].active != surveys[course.at].active
         if not loaded:
             return named[0] if named else ""
         return message("event-and-tables", event=named[0]) if named else message("tables-loaded")
 
 
-def trends_of(series: Sequence[Series], tolerance: Callable[[str, str], float | None]) -> list[Trend]:
-    """Return what became of every series; ``tolerance`` gives the largest magnitude allowed for a machine and a quantity, if any."""
+def trends_of(
+    series: Sequence[Series], tolerance: Callable[[str, str], float | None]
+) -> list[Trend]:
+    """Return what became of every series; ``tolerance`` gives the largest magnitude allowed for a
+    machine and a quantity, if any."""
     found: dict[int, Trend] = {}
     for _, group in groupby(enumerate(series), key=lambda item: item[1].machine):
         alike: dict[str, list[int]] = {}
         for number, each in group:
             alike.setdefault("" if each.other is None else str(each.other), []).append(number)
         for numbers in alike.values():
-            found |= zip(numbers, _of_machine([series[number] for number in numbers], tolerance), strict=True)
+            found |= zip(
+                numbers, _of_machine([series[number] for number in numbers], tolerance), strict=True
+            )
     return [found[number] for number in range(len(series))]
 
 
@@ -105,9 +131,14 @@ def trend_of(series: Series, tolerance: float | None = None) -> Trend:
     return trends_of([series], lambda *_: tolerance)[0]
 
 
-def _of_machine(series: Sequence[Series], tolerance: Callable[[str, str], float | None]) -> Iterator[Trend]:
+def _of_machine(
+    series: Sequence[Series], tolerance: Callable[[str, str], float | None]
+) -> Iterator[Trend]:
     """Yield what became of the quantities of one machine, which are asked together."""
-    surveys = sorted({each.name: each for one in series for each in one.surveys}.values(), key=lambda each: (each.time, each.name))
+    surveys = sorted(
+        {each.name: each for one in series for each in one.surveys}.values(),
+        key=lambda each: (each.time, each.name),
+    )
     place = {each.name: number for number, each in enumerate(surveys)}
     figures, rows = [], []
     for each in series:
@@ -125,21 +156,27 @@ def _of_machine(series: Sequence[Series], tolerance: Callable[[str, str], float 
     for each, mine, one in zip(series, rows, found, strict=True):
         own = one.renumbered({int(at): number for number, at in enumerate(mine)})
         if moved and each.quantity in OF_VOLUME and own.verdict == "unchanged":
-            own = Explained(verdict="undecided", courses=())  # some part of it changed, by less than its own U shows
+            own = Explained(
+                verdict="undecided", courses=()
+            )  # some part of it changed, by less than its own U shows
         allowed = tolerance(each.machine, each.quantity)
         yield Trend(
-            series=each, explained=own, leaving=None if allowed is None else _leaving(each, own, beyond, allowed), tolerance=allowed,
+            series=each,
+            explained=own,
+            leaving=None if allowed is None else _leaving(each, own, beyond, allowed),
+            tolerance=allowed,
             outside=None if allowed is None else _outside(each.point(-1), allowed),
-        )  # fmt: skip
+        )
 
 
 def _calendar(surveys: Sequence[Survey]) -> Calendar:
     first = surveys[0].time
     loaded = [False, *(one.active != other.active for one, other in pairwise(surveys))]
     return Calendar(
-        years=np.array([(each.time - first) / YEAR for each in surveys]), broken=np.array(loaded),
+        years=np.array([(each.time - first) / YEAR for each in surveys]),
+        broken=np.array(loaded),
         named=np.array([bool(each.event) for each in surveys]),
-    )  # fmt: skip
+    )
 
 
 def _own(series: Series) -> Array:
@@ -155,20 +192,25 @@ def _own(series: Series) -> Array:
     usual = max(named, key=named.count)
     for other in set(named) - {usual}:
         mine = np.array([name == other for name in named])
-        squared[mine] += np.count_nonzero(mine) * (common[mine] ** 2 + np.mean(common[~mine] ** 2, axis=0))
+        squared[mine] += np.count_nonzero(mine) * (
+            common[mine] ** 2 + np.mean(common[~mine] ** 2, axis=0)
+        )
     own: Array = np.sqrt(np.maximum(squared, 0.0))
     return own
 
 
 def rank(trend: Trend) -> tuple[int, float]:
-    """Return how bad the last figure is: beyond its tolerance first, then against its tolerance where there is one, else against its U."""
+    """Return how bad the last figure is: beyond its tolerance first, then against its tolerance
+    where there is one, else against its U."""
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
     beyond = STATES.index(trend.outside) if trend.outside in STATES else len(STATES)
     return -beyond, abs(last.value) / scale if scale else abs(last.value)
 
 
-def _leaving(series: Series, found: Explained, scattered: float, tolerance: float) -> Leaving | None:
+def _leaving(
+    series: Series, found: Explained, scattered: float, tolerance: float
+) -> Leaving | None:
     """Return the time when the line, and its band at k = 2, cross the tolerance ahead of it; a date
     in the past stands for now.
 
@@ -184,7 +226,14 @@ def _leaving(series: Series, found: Explained, scattered: float, tolerance: floa
     loaded = np.flatnonzero(_calendar(series.surveys).broken).tolist()
     steps = sorted({*loaded, *(each.at for each in found.courses if each.kind == "step")})
     waves = waves_of(years) if any(each.kind == "season" for each in found.courses) else ()
-    design = np.column_stack([np.ones(len(years)), years, *(-(np.arange(len(years)) < at).astype(float) for at in steps), *waves])
+    design = np.column_stack(
+        [
+            np.ones(len(years)),
+            years,
+            *(-(np.arange(len(years)) < at).astype(float) for at in steps),
+            *waves,
+        ]
+    )
     weights = (1 - series.common[kept] ** 2 + scattered**2) ** -1.0 * series.shown[kept, 1] ** -2.0
     amounts, covariance = fit(_centred(series)[kept, None], weights[:, None], design[kept])
     level, slope = float(amounts[0, 0]), float(amounts[1, 0])
@@ -197,11 +246,16 @@ def _leaving(series: Series, found: Explained, scattered: float, tolerance: floa
     limit = rising * tolerance
 
     def crossing(k: float) -> datetime | None:
-        """Find by bisection where the line, moved outwards by k standard uncertainties, first reaches the limit."""
+        """Find by bisection where the line, moved outwards by k standard uncertainties, first
+        reaches the limit."""
 
         def beyond(year: float) -> bool:
             at = np.array([1.0, year])
-            return rising * (level + slope * year - limit) + k * math.sqrt(max(float(at @ band @ at), 0.0)) >= 0
+            return (
+                rising * (level + slope * year - limit)
+                + k * math.sqrt(max(float(at @ band @ at), 0.0))
+                >= 0
+            )
 
         low, high = 0.0, (LATEST - times[-1]) / YEAR
         if beyond(low):
@@ -231,19 +285,25 @@ def _outside(last: Point, tolerance: float) -> str:
 
 
 def already_perhaps(trend: Trend) -> bool:
-    """Return whether the last figure may be beyond the tolerance within its U, and no later day is known on which it would be."""
+    """Return whether the last figure may be beyond the tolerance within its U, and no later day is
+    known on which it would be."""
     likely = None if trend.leaving is None else trend.leaving.likely
     return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)
 
 
 def statements(trend: Trend) -> list[Message]:
-    """Return what became of a quantity, a message for each change; the verdict alone where there is none."""
+    """Return what became of a quantity, a message for each change; the verdict alone where there is
+    none."""
     if trend.explained.courses:
         return [_statement(trend, each) for each in trend.explained.courses]
     if trend.verdict == "unchanged":
         return [message("trend-unchanged")]
     further = trend.explained.further
-    return [message("trend-undecided-open") if further is None else message("trend-undecided", count=further)]
+    return [
+        message("trend-undecided-open")
+        if further is None
+        else message("trend-undecided", count=further)
+    ]
 
 
 def _statement(trend: Trend, course: Course) -> Message:
@@ -253,13 +313,25 @@ def _statement(trend: Trend, course: Course) -> Message:
     if course.kind == "line":
         return message("trend-line", slope=course.size, unit=unit, expanded=expanded, first=first)
     if course.kind == "run-in":
-        return message("trend-run-in", change=course.size, unit=unit, expanded=expanded, first=first)
+        return message(
+            "trend-run-in", change=course.size, unit=unit, expanded=expanded, first=first
+        )
     if course.kind == "season":
         return message("trend-season", change=course.size, unit=unit, expanded=expanded)
     after = trend.cause(course)
     if after:
-        return message("trend-step-after", change=course.size, unit=unit, expanded=expanded, first=first, last=last, after=after)
-    return message("trend-step", change=course.size, unit=unit, expanded=expanded, first=first, last=last)
+        return message(
+            "trend-step-after",
+            change=course.size,
+            unit=unit,
+            expanded=expanded,
+            first=first,
+            last=last,
+            after=after,
+        )
+    return message(
+        "trend-step", change=course.size, unit=unit, expanded=expanded, first=first, last=last
+    )
 
 
 def day(moment: datetime) -> str:

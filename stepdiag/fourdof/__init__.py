@@ -1,4 +1,5 @@
 """The 4-DOF head on its own: its runs, its record, its commissioning.
 
-In: logs or a port. Out: straightness and angles of an axis, calibration values. Imported by completion, head and cli.
+In: logs or a port. Out: straightness and angles of an axis, calibration values. Imported by
+completion, head and cli.
 """

@@ -1,4 +1,5 @@
-"""From the passes of an autocollimator or a level to the rotations of an axis, by ISO 230-1 name and with their uncertainty."""
+"""From the passes of an autocollimator or a level to the rotations of an axis, by ISO 230-1 name
+and with their uncertainty."""
 
 from collections.abc import Sequence
 
@@ -13,13 +14,15 @@ from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
 
 Turns = dict[str, tuple[Vector, Vector, Vector, Vector]]
-"""Position and value of every rotation, relative to the first position; the standard uncertainty of a pass, and what all passes share."""
+"""Position and value of every rotation, relative to the first position; the standard uncertainty of
+a pass, and what all passes share."""
 
 
 def turns_of(section: Head, each: Pass) -> Turns:
     """Return the rotations of a pass that the survey file names for its axis (``head.angles.x``).
 
-    An instrument on the workpiece side turns the other way round. Raises DataError for stops with another number of angles than are named.
+    An instrument on the workpiece side turns the other way round. Raises DataError for stops with
+    another number of angles than are named.
     """
     axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)
@@ -33,14 +36,27 @@ def turns_of(section: Head, each: Pass) -> Turns:
         value = side * (1.0 if turn[0] == "+" else -1.0) * values[order, column]
         u = u_values[order, column]
         shared = np.full_like(u, np.sqrt(2.0) * section.angles.u_urad)
-        found[f"E{turn[1]}{axis.upper()}"] = (position[order], value - value[0], np.hypot(u, u[0]), shared)
+        found[f"E{turn[1]}{axis.upper()}"] = (
+            position[order],
+            value - value[0],
+            np.hypot(u, u[0]),
+            shared,
+        )
     return found
 
 
 def _columns(stops: Sequence[CapturedStop], wanted: int, name: str) -> tuple[Vector, Vector]:
-    """Return the angles of every stop in urad and the standard uncertainties of their means, shape (stops, wanted)."""
+    """Return the angles of every stop in urad and the standard uncertainties of their means, shape
+    (stops, wanted)."""
     sizes = {len(stop.channels) for stop in stops}
     if not sizes or min(sizes) < wanted or len(sizes) > 1:
         found = message("number-of-angles", names=list(map(str, sorted(sizes))))
-        raise DataError(name, expected=message("angles-at-every-stop", wanted=wanted), found=found, remedy=message("drive-once-more"))
-    return np.array([stop.channels[:wanted] for stop in stops]), np.array([stop.u_channels[:wanted] for stop in stops])
+        raise DataError(
+            name,
+            expected=message("angles-at-every-stop", wanted=wanted),
+            found=found,
+            remedy=message("drive-once-more"),
+        )
+    return np.array([stop.channels[:wanted] for stop in stops]), np.array(
+        [stop.u_channels[:wanted] for stop in stops]
+    )

@@ -23,7 +23,13 @@ def calibrated(file: HeadFile) -> Head:
         dead_path_mm=lever.dead_path_mm,
         lever_scale=lever.scale,
         light=None if file.light is None else Light(sums=file.light.sums, within=file.light.within),
-        crosstalk=Crosstalk(**{name: value for name, value in msgspec.structs.asdict(file.crosstalk).items() if value is not None}),
+        crosstalk=Crosstalk(
+            **{
+                name: value
+                for name, value in msgspec.structs.asdict(file.crosstalk).items()
+                if value is not None
+            }
+        ),
     )
 
 
@@ -40,5 +46,11 @@ def _detector(table: DetectorTable) -> Detector:
 
 
 def _axis(table: AxisTable) -> DetectorAxis:
-    curve = Curve(kind=table.kind, coefficients_um=table.coefficients_um, low=table.low, high=table.high, u_um=table.u_um)
+    curve = Curve(
+        kind=table.kind,
+        coefficients_um=table.coefficients_um,
+        low=table.low,
+        high=table.high,
+        u_um=table.u_um,
+    )
     return DetectorAxis(sign=table.sign, curve=curve)

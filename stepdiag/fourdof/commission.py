@@ -1,4 +1,5 @@
-"""From the stands of a commissioning run to the calibration file of the head: the machine is the head's own stage."""
+"""From the stands of a commissioning run to the calibration file of the head: the machine is the
+head's own stage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,24 +11,45 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.base.volume import Vector
-from stepdiag.daq.survey.head_file import CALIBRATED, CURVES, AxisTable, DetectorTable, HeadFile, LeverTable, LightTable, UncertaintyTable
+from stepdiag.daq.survey.head_file import (
+    CALIBRATED,
+    CURVES,
+    AxisTable,
+    DetectorTable,
+    HeadFile,
+    LeverTable,
+    LightTable,
+    UncertaintyTable,
+)
 from stepdiag.daq.survey.models import HeadRun
 from stepdiag.fourdof.calibrated import calibrated
 from stepdiag.solver.fourdof.axes import unit
 from stepdiag.solver.fourdof.commissioning import MAX_GAIN_ERROR
 from stepdiag.solver.fourdof.detector import Detector, DetectorAxis, spots
 from stepdiag.solver.fourdof.head import beam_angle_urad
-from stepdiag.solver.fourdof.regression import FIELDS, LEVER, PSD1, PSD2, QD, Commissioned, Stands, commissioned
+from stepdiag.solver.fourdof.regression import (
+    FIELDS,
+    LEVER,
+    PSD1,
+    PSD2,
+    QD,
+    Commissioned,
+    Stands,
+    commissioned,
+)
 
 FARTHEST_MM = 0.35
-"""Stands farther beside the run's line are the lead-ins of the jogs, to which the axis came the other way."""
+"""Stands farther beside the run's line are the lead-ins of the jogs, to which the axis came the
+other way."""
 LONG_S = 8.0
-"""A stand of so long is the wobble or what was waited for: its pointing moves, so that each tenth of a second is a row of its own."""
+"""A stand of so long is the wobble or what was waited for: its pointing moves, so that each tenth
+of a second is a row of its own."""
 ROW_S = 0.1
 MOST_ROWS = 400
 """Of one long stand: more add nothing to a gain known to a thousandth."""
 DARK, LIT = 0.2, 0.8
-"""Parts of the usual sum: below the first there is no light, above the second all of it; between the beam was just being cut."""
+"""Parts of the usual sum: below the first there is no light, above the second all of it; between
+the beam was just being cut."""
 LEAST_DARK = 20
 LEAST_WITHIN = 0.003
 """Sums of one light hold together so well at the least; three times what the run shows is more."""
@@ -37,15 +59,21 @@ STUCK = 0.25
 """Share of readings at the highest value, at a single end too, beyond which a sum has reached the
 end of its electronics: light has noise.
 """
-NOMINAL = {"qd": AxisTable(kind="erf"), "psd1": AxisTable(low=-0.95, high=0.95), "psd2": AxisTable(low=-0.95, high=0.95)}
+NOMINAL = {
+    "qd": AxisTable(kind="erf"),
+    "psd1": AxisTable(low=-0.95, high=0.95),
+    "psd2": AxisTable(low=-0.95, high=0.95),
+}
 """Curves before any calibration: a Gaussian spot on the QD, linear PSDs, all of gain 1000."""
 REACH = 1.5
-"""A curve of the QD holds so far beyond the readings of the run: what the spot's shape does there is extrapolated by its law."""
+"""A curve of the QD holds so far beyond the readings of the run: what the spot's shape does there
+is extrapolated by its law."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Standing:
-    """Samples while the machine stood at one commanded place: ``position_mm`` (3,), ``time_s`` (n,), ``channels`` (n, 9)."""
+    """Samples while the machine stood at one commanded place: ``position_mm`` (3,), ``time_s``
+    (n,), ``channels`` (n, 9)."""
 
     position_mm: Vector
     time_s: Vector
@@ -62,14 +90,21 @@ class HeadCommissioned:
     dark: int
 
 
-def commission(standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis: str, on: str) -> HeadCommissioned:
-    """Return the file with everything that the run along ``axis`` (x, y, z) measured; ``run`` is how the head stood, ``on`` the day.
+def commission(
+    standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis: str, on: str
+) -> HeadCommissioned:
+    """Return the file with everything that the run along ``axis`` (x, y, z) measured; ``run`` is
+    how the head stood, ``on`` the day.
 
-    Raises DataError where the run does not decide a field, a spot was clipped, or a curve of the file is off by more than 5 per cent.
+    Raises DataError where the run does not decide a field, a spot was clipped, or a curve of the
+    file is off by more than 5 per cent.
     """
     if not standings:
         raise DataError(
-            "commission", expected=message("stands-of-machine"), found=message("none"), remedy=message("fourdof-commission-program")
+            "commission",
+            expected=message("stands-of-machine"),
+            found=message("none"),
+            remedy=message("fourdof-commission-program"),
         )
     every = np.concatenate([one.channels for one in standings])
     usual = np.median(every[:, 2::3], axis=0)
@@ -83,11 +118,15 @@ def commission(standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis
     found = commissioned(replace(rows, seen=_seen(channels, file, curves, dark), noise=noise))
     readings = np.abs(_readings(channels, dark)).max(axis=(0, 2))
     written = _written(file, found, curves, dark, light, readings, on)
-    return HeadCommissioned(file=written, found=found, stands=len(lit), dark=int(_is_dark(every, usual).sum()))
+    return HeadCommissioned(
+        file=written, found=found, stands=len(lit), dark=int(_is_dark(every, usual).sum())
+    )
 
 
 def _is_dark(channels: Vector, usual: Vector) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    dark: np.ndarray[tuple[int], np.dtype[np.bool_]] = np.all(channels[:, 2::3] < DARK * usual, axis=1)
+    dark: np.ndarray[tuple[int], np.dtype[np.bool_]] = np.all(
+        channels[:, 2::3] < DARK * usual, axis=1
+    )
     return dark
 
 
@@ -96,7 +135,9 @@ def _dark(channels: Vector, usual: Vector) -> Vector:
     dark = channels[_is_dark(channels, usual)]
     if len(dark) < LEAST_DARK:
         expected, found = message("dark-samples", count=LEAST_DARK), str(len(dark))
-        raise DataError("commission: dark", expected=expected, found=found, remedy=message("block-the-beam"))
+        raise DataError(
+            "commission: dark", expected=expected, found=found, remedy=message("block-the-beam")
+        )
     return np.asarray(np.median(dark, axis=0).reshape(3, 3), dtype=np.float64)
 
 
@@ -116,11 +157,15 @@ def _beside_mm(one: Standing, centre_mm: Vector, axis: str) -> float:
 
 def _centre_mm(standings: Sequence[Standing]) -> Vector:
     """Return where the machine stood the longest: the jogs are around it."""
-    places = np.concatenate([np.repeat(one.position_mm[None, :], len(one.time_s), axis=0) for one in standings])
+    places = np.concatenate(
+        [np.repeat(one.position_mm[None, :], len(one.time_s), axis=0) for one in standings]
+    )
     return np.asarray(np.median(places, axis=0), dtype=np.float64)
 
 
-def _rows(lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str) -> tuple[Stands, Vector]:
+def _rows(
+    lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str
+) -> tuple[Stands, Vector]:
     """Return the rows of lit stands, a row each, many for a long stand, which is an end of its own;
     and the means of their channels (N, 9).
 
@@ -133,13 +178,26 @@ def _rows(lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str) -
     rows = []
     for number, one in enumerate(lit):
         long = _long(one)
-        end = ends.setdefault((round(float(one.position_mm[along]), 2), number + 1 if long else 0), len(ends))
+        end = ends.setdefault(
+            (round(float(one.position_mm[along]), 2), number + 1 if long else 0), len(ends)
+        )
         moved_um = 1e3 * _lateral(one.position_mm - centre_mm, run)
         distance_mm = run.distance_mm + abs(float(one.position_mm[along]) - near)
-        rows += [(end, distance_mm, moved_um, float(samples), not long, channels) for channels, samples in _means(one, long=long)]
+        rows += [
+            (end, distance_mm, moved_um, float(samples), not long, channels)
+            for channels, samples in _means(one, long=long)
+        ]
     ended, distance, moved, samples, jogged, channels = map(np.array, zip(*rows, strict=True))
     none = np.zeros((0, 6))
-    return Stands(end=ended, distance_mm=distance, moved_um=moved, samples=samples, jogged=jogged, seen=none, noise=none), channels
+    return Stands(
+        end=ended,
+        distance_mm=distance,
+        moved_um=moved,
+        samples=samples,
+        jogged=jogged,
+        seen=none,
+        noise=none,
+    ), channels
 
 
 def _readings(channels: Vector, dark: Vector) -> Vector:
@@ -150,15 +208,25 @@ def _readings(channels: Vector, dark: Vector) -> Vector:
 
 
 def _seen(channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: Vector) -> Vector:
-    """Return what the curves make of the channels (N, 9), without signs and rolls: QD in um, PSD1 and PSD2 in urad, shape (N, 6)."""
-    bare = msgspec.structs.replace(file, **{name: DetectorTable(x=curves[f"{name}.x"], y=curves[f"{name}.y"]) for name in NOMINAL})
+    """Return what the curves make of the channels (N, 9), without signs and rolls: QD in um, PSD1
+    and PSD2 in urad, shape (N, 6)."""
+    bare = msgspec.structs.replace(
+        file,
+        **{name: DetectorTable(x=curves[f"{name}.x"], y=curves[f"{name}.y"]) for name in NOMINAL},
+    )
     head = calibrated(bare)
     readings = np.moveaxis(_readings(channels, dark), 1, 0)
     qd, psd1, psd2 = (
         spots(_plain(detector), one, np.ones(len(one))).shift_um
         for detector, one in zip((head.qd, head.psd1, head.psd2), readings, strict=True)
     )
-    return np.hstack([qd, beam_angle_urad(psd1, head.psd1_focal_length_mm), beam_angle_urad(psd2, head.psd2_focal_length_mm)])
+    return np.hstack(
+        [
+            qd,
+            beam_angle_urad(psd1, head.psd1_focal_length_mm),
+            beam_angle_urad(psd2, head.psd2_focal_length_mm),
+        ]
+    )
 
 
 def _noise(stands: Sequence[Vector]) -> Vector:
@@ -170,7 +238,12 @@ def _noise(stands: Sequence[Vector]) -> Vector:
     """
     fourth = [np.diff(one, n=4, axis=0) for one in stands]
     if not fourth:
-        raise DataError("commission", expected=message("long-stand", seconds=LONG_S), found=message("none"), remedy=message("wobble-more"))
+        raise DataError(
+            "commission",
+            expected=message("long-stand", seconds=LONG_S),
+            found=message("none"),
+            remedy=message("wobble-more"),
+        )
     noise: Vector = np.sqrt(np.mean(np.concatenate(fourth) ** 2, axis=0) / 70.0)
     return noise
 
@@ -191,17 +264,23 @@ def _means(one: Standing, *, long: bool) -> list[tuple[Vector, int]]:
         return [(one.channels.mean(axis=0), len(one.time_s))]
     row_s = max(ROW_S, float(np.ptp(one.time_s)) / MOST_ROWS)
     place = np.floor((one.time_s - one.time_s[0]) / row_s).astype(np.int64)
-    return [(one.channels[place == number].mean(axis=0), int(np.sum(place == number))) for number in np.unique(place)]
+    return [
+        (one.channels[place == number].mean(axis=0), int(np.sum(place == number)))
+        for number in np.unique(place)
+    ]
 
 
 def _light(every: Vector, rows: Vector, usual: Vector, dark: Vector) -> LightTable:
-    """Return the sums of the three detectors under one light. Raises DataError where a spot was clipped, or a sum at its end."""
+    """Return the sums of the three detectors under one light. Raises DataError where a spot was
+    clipped, or a sum at its end."""
     for column, name in enumerate(NOMINAL):
         total = every[np.all(every[:, 2::3] > LIT * usual, axis=1), 3 * column + 2]
         highest = float(total.max())
         if np.mean(total == highest) >= STUCK:
             expected, found = message("sum-with-noise"), message("sum-stuck", value=highest)
-            raise DataError(f"commission: {name}", expected=expected, found=found, remedy=message("reduce-gain"))
+            raise DataError(
+                f"commission: {name}", expected=expected, found=found, remedy=message("reduce-gain")
+            )
     sums = rows[:, 2::3] - dark[:, 2]
     light = np.median(sums, axis=0)
     share = sums / light
@@ -209,8 +288,16 @@ def _light(every: Vector, rows: Vector, usual: Vector, dark: Vector) -> LightTab
     worst = int(np.argmax(apart.max(axis=0)))
     most = float(apart[:, worst].max())
     if most > MOST_APART:
-        expected, found = message("sums-together", percent=100 * MOST_APART), message("sum-apart", percent=100 * most)
-        raise DataError(f"commission: {list(NOMINAL)[worst]}", expected=expected, found=found, remedy=message("align-head-repeat"))
+        expected, found = (
+            message("sums-together", percent=100 * MOST_APART),
+            message("sum-apart", percent=100 * most),
+        )
+        raise DataError(
+            f"commission: {list(NOMINAL)[worst]}",
+            expected=expected,
+            found=found,
+            remedy=message("align-head-repeat"),
+        )
     x, y, z = (float(value) for value in light)
     return LightTable(sums=(x, y, z), within=max(LEAST_WITHIN, 3.0 * most))
 
@@ -220,12 +307,20 @@ def _base(file: HeadFile, name: str) -> AxisTable:
 
 
 def _written(
-    file: HeadFile, found: Commissioned, curves: dict[str, AxisTable], dark: Vector, light: LightTable, readings: Vector, on: str
+    file: HeadFile,
+    found: Commissioned,
+    curves: dict[str, AxisTable],
+    dark: Vector,
+    light: LightTable,
+    readings: Vector,
+    on: str,
 ) -> HeadFile:
     changes: dict[str, object] = {}
     for number, (name, first) in enumerate((("qd", QD), ("psd1", PSD1), ("psd2", PSD2))):
         axes = {
-            letter: _scaled(file, f"{name}.{letter}", curves, found, first + index, float(readings[number]))
+            letter: _scaled(
+                file, f"{name}.{letter}", curves, found, first + index, float(readings[number])
+            )
             for index, letter in enumerate(("x", "y"))
         }
         changes[name] = msgspec.structs.replace(
@@ -251,10 +346,19 @@ def _written(
             qd_calibrated_at_mm=max(0.0, lever_mm + found.middle_mm),
         ),
     )
-    return msgspec.structs.replace(fresh.with_measured("fourdof commission", on, *CALIBRATED), uncertainty=_uncertainty(found))
+    return msgspec.structs.replace(
+        fresh.with_measured("fourdof commission", on, *CALIBRATED), uncertainty=_uncertainty(found)
+    )
 
 
-def _scaled(file: HeadFile, name: str, curves: dict[str, AxisTable], found: Commissioned, index: int, most: float) -> AxisTable:
+def _scaled(
+    file: HeadFile,
+    name: str,
+    curves: dict[str, AxisTable],
+    found: Commissioned,
+    index: int,
+    most: float,
+) -> AxisTable:
     """Return the curve times its gain. Raises DataError for a calibrated curve that is off by more
     than 5 per cent.
     """
@@ -263,7 +367,12 @@ def _scaled(file: HeadFile, name: str, curves: dict[str, AxisTable], found: Comm
     off = abs(abs(gain) - 1.0)
     if known and off > MAX_GAIN_ERROR + 2.0 * float(found.u[index]):
         expected = message("gain-within", low=1.0 - MAX_GAIN_ERROR, high=1.0 + MAX_GAIN_ERROR)
-        raise DataError(f"commission: {name}", expected=expected, found=f"{abs(gain):.3f}", remedy=message("check-gains"))
+        raise DataError(
+            f"commission: {name}",
+            expected=expected,
+            found=f"{abs(gain):.3f}",
+            remedy=message("check-gains"),
+        )
     reach = min(0.98, REACH * most) if not known and name.startswith("qd") else None
     return msgspec.structs.replace(
         table,
@@ -283,6 +392,8 @@ def _uncertainty(found: Commissioned) -> UncertaintyTable:
     u = found.u * share
     signs = np.ones(len(FIELDS))
     signs[gains] = np.sign(found.value[gains])
-    correlation = np.clip(found.covariance / np.outer(found.u, found.u) * np.outer(signs, signs), -1.0, 1.0)
+    correlation = np.clip(
+        found.covariance / np.outer(found.u, found.u) * np.outer(signs, signs), -1.0, 1.0
+    )
     lower = correlation[np.tril_indices(len(FIELDS), -1)]
     return UncertaintyTable(of=FIELDS, u=tuple(u.tolist()), correlation=tuple(lower.tolist()))

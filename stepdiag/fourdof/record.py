@@ -1,4 +1,5 @@
-"""Samples of a 4-DOF head on their own, for commissioning: from its port, from the stream in a log, or from a CSV."""
+"""Samples of a 4-DOF head on their own, for commissioning: from its port, from the stream in a log,
+or from a CSV."""
 
 import asyncio
 import math
@@ -22,12 +23,15 @@ from stepdiag.daq.timing.samples import Decoder, Samples
 from stepdiag.daq.timing.stream import UNUSABLE
 from stepdiag.fourdof.runs import CHANNELS, QD_ONLY
 
-COLUMNS = tuple(f"{detector}_{part}" for detector in ("qd", "psd1", "psd2") for part in ("x", "y", "sum"))
+COLUMNS = tuple(
+    f"{detector}_{part}" for detector in ("qd", "psd1", "psd2") for part in ("x", "y", "sum")
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadRecord:
-    """Usable samples in the order of time: ``time_s`` (N,) from the first, ``channels`` (N, 9), those of a QD alone (N, 3).
+    """Usable samples in the order of time: ``time_s`` (N,) from the first, ``channels`` (N, 9),
+    those of a QD alone (N, 3).
 
     ``unusable`` counts what was left out: blocked, saturated, faulty.
     """
@@ -41,7 +45,8 @@ class HeadRecord:
         interval without samples.
         """
         intervals = (self.time_s - self.time_s[0]) / interval_s + 1e-9
-        # more intervals than samples: some are empty, and a clock that is wrong could ask for any number of them
+        # more intervals than samples: some are empty, and a clock that is wrong could ask for any
+        # number of them
         place = np.floor(np.minimum(intervals, len(intervals))).astype(np.int64)
         count = np.bincount(place)[: max(int(place[-1]), 1)]
         if not count.all():
@@ -73,29 +78,50 @@ class _Gathering:
 
     def record(self, source: str) -> HeadRecord:
         """Return what has come in. Raises DataError where it is nothing usable."""
-        flags = np.concatenate([np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)])
+        flags = np.concatenate(
+            [np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)]
+        )
         good = (flags & int(UNUSABLE)) == 0
         if not good.any():
-            found = message("samples-all-blocked-saturated", flags=len(flags)) if len(flags) else message("nothing-understands")
-            raise DataError(source, expected=message("samples-head"), found=found, remedy=message("stepdiag-fourdof-align-shows"))
+            found = (
+                message("samples-all-blocked-saturated", flags=len(flags))
+                if len(flags)
+                else message("nothing-understands")
+            )
+            raise DataError(
+                source,
+                expected=message("samples-head"),
+                found=found,
+                remedy=message("stepdiag-fourdof-align-shows"),
+            )
         time = np.concatenate([batch.arrival_ns for batch in self._batches])[good] * 1e-9
-        channels = np.concatenate([batch.channels for batch in self._batches if batch.channels is not None])[good]
-        return HeadRecord(time_s=time - time[0], channels=channels, unusable=int(np.count_nonzero(~good)))
+        channels = np.concatenate(
+            [batch.channels for batch in self._batches if batch.channels is not None]
+        )[good]
+        return HeadRecord(
+            time_s=time - time[0], channels=channels, unusable=int(np.count_nonzero(~good))
+        )
 
 
 def read_head_csv(text: str, source: str) -> HeadRecord:
-    """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum`` and the same of psd1 and psd2, which a QD alone has not.
+    """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum`` and the same of psd1
+    and psd2, which a QD alone has not.
 
     Raises DataError naming the line for anything else, and for times that do not ascend.
     """
     table = read_table(text, source, ("time_s", *COLUMNS[:QD_ONLY]))
     names = COLUMNS if "psd1_x" in table[0][1] else COLUMNS[:QD_ONLY]
-    rows = [[number_in(fields, name, f"{source}: line {line}") for name in ("time_s", *names)] for line, fields in table]
+    rows = [
+        [number_in(fields, name, f"{source}: line {line}") for name in ("time_s", *names)]
+        for line, fields in table
+    ]
     values = np.array(rows)
     back = np.flatnonzero(np.diff(values[:, 0]) < 0)
     if len(back):
         raise DataError(
-            f"{source}: line {table[int(back[0]) + 1][0]}", expected=message("time-after-one-before"), found=message("earlier-one")
+            f"{source}: line {table[int(back[0]) + 1][0]}",
+            expected=message("time-after-one-before"),
+            found=message("earlier-one"),
         )
     return HeadRecord(time_s=values[:, 0] - values[0, 0], channels=values[:, 1:])
 
@@ -103,7 +129,10 @@ def read_head_csv(text: str, source: str) -> HeadRecord:
 def render_head_csv(record: HeadRecord) -> str:
     """Return the samples as CSV, LF line ends."""
     names = COLUMNS[: record.channels.shape[1]]
-    lines = [f"{time:.6f}," + ",".join(f"{value:.10g}" for value in row) for time, row in zip(record.time_s, record.channels, strict=True)]
+    lines = [
+        f"{time:.6f}," + ",".join(f"{value:.10g}" for value in row)
+        for time, row in zip(record.time_s, record.channels, strict=True)
+    ]
     return "\n".join([",".join(("time_s", *names)), *lines]) + "\n"
 
 
@@ -112,7 +141,9 @@ def head_of_log(path: Path) -> HeadRecord:
     log = open_log(path)
     survey = parse_survey(log.header.survey_text, f"{path.name}: survey.toml")
     if survey.head is None:
-        raise DataError(str(path), expected=message("log-survey-with-head"), found=message("survey-without-one"))
+        raise DataError(
+            str(path), expected=message("log-survey-with-head"), found=message("survey-without-one")
+        )
     gathering = _Gathering(head_decoder(survey))
     for event in log.events():
         if isinstance(event, Chunk) and event.stream == "head":
@@ -120,11 +151,14 @@ def head_of_log(path: Path) -> HeadRecord:
     return gathering.record(str(path))
 
 
-def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None) -> HeadRecord:
+def listen_to_head(
+    survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None
+) -> HeadRecord:
     """Return the samples of a survey file's head over so many seconds; ``on_batch`` is given every
     batch meanwhile.
 
-    Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where the port cannot be opened or is lost.
+    Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where
+    the port cannot be opened or is lost.
     """
     if survey.head is None:
         raise UsageError(source, expected=message("head-section"), found=message("none"))
@@ -134,8 +168,15 @@ def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callab
     return gathering.record(source)
 
 
-async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batch: Callable[[Samples], None] | None) -> None:
-    from stepdiag.daq.links.ports.serial import instrument_line  # a line of this computer, which needs Linux; its files do not
+async def _listen(
+    survey: Survey,
+    gathering: _Gathering,
+    seconds: float,
+    on_batch: Callable[[Samples], None] | None,
+) -> None:
+    from stepdiag.daq.links.ports.serial import (
+        instrument_line,
+    )  # a line of this computer, which needs Linux; its files do not
 
     section = survey.head
     if section is None:
@@ -151,11 +192,17 @@ async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batc
         loop.call_soon_threadsafe(take, data, arrival_ns)
 
     settings = SerialSettings(
-        port=section.port, baud=section.baud, bytesize=section.bytesize, parity=section.parity, stopbits=section.stopbits
+        port=section.port,
+        baud=section.baud,
+        bytesize=section.bytesize,
+        parity=section.parity,
+        stopbits=section.stopbits,
     )
     stream = instrument_line(settings, head_decoder(survey), arrived)
     try:
-        await asyncio.wait_for(stream.session(lambda *_: None), None if math.isinf(seconds) else seconds)
+        await asyncio.wait_for(
+            stream.session(lambda *_: None), None if math.isinf(seconds) else seconds
+        )
     except TimeoutError:
         return
 
@@ -171,5 +218,9 @@ def require_channels(channels: Vector | None, source: str) -> Vector:
     """
     count = 0 if channels is None else int(channels.shape[1])
     if channels is None or count != CHANNELS:
-        raise DataError(source, expected=message("nine-channels-qd-psd1"), found=message("qd-alone", shape=str(count)))
+        raise DataError(
+            source,
+            expected=message("nine-channels-qd-psd1"),
+            found=message("qd-alone", shape=str(count)),
+        )
     return channels

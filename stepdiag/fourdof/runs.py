@@ -1,4 +1,5 @@
-"""From the passes of a 4-DOF head to straightness, pitch and yaw of the axes, by ISO 230-1 name and with their uncertainty."""
+"""From the passes of a 4-DOF head to straightness, pitch and yaw of the axes, by ISO 230-1 name and
+with their uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,13 @@ from stepdiag.base.names import AXES
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
-from stepdiag.daq.survey.head_file import HeadFile, LeverTable, parse_head_file, require_measured, require_owner
+from stepdiag.daq.survey.head_file import (
+    HeadFile,
+    LeverTable,
+    parse_head_file,
+    require_measured,
+    require_owner,
+)
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey
 from stepdiag.fourdof.angular import Turns, turns_of
@@ -30,12 +37,13 @@ from stepdiag.solver.standards.straightness import residuals_um
 CHANNELS = 9
 QD_ONLY = 3
 SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
-"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and straightness by half; free of its end-point line (a Brownian bridge)
-that is 1 / sqrt(6) in the rms over the pass."""
+"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and straightness by half; free of
+its end-point line (a Brownian bridge) that is 1 / sqrt(6) in the rms over the pass."""
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
 """The channels of each detector."""
 APART = 3.29
-"""Two passes whose rms difference is so many times its u differ by more than chance (99.9 %), even where their errors are one error."""
+"""Two passes whose rms difference is so many times its u differ by more than chance (99.9 %), even
+where their errors are one error."""
 WAVELENGTH_NM = 650.0
 """Of the head's laser, red: it only sizes how far the growth of the spot may be bent."""
 LEAST_STOPS = 3
@@ -65,17 +73,23 @@ class _PassSeen:
     findings: tuple[Finding, ...]
 
 
-def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, bytes], level: Angles) -> HeadMeasured:
+def evaluate_head(
+    survey: Survey, passes: Sequence[Pass], files: Mapping[str, bytes], level: Angles
+) -> HeadMeasured:
     """Return the results of the whole passes of the 4-DOF head.
 
-    ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known from elsewhere: a roll moves a cube that
-    sits off the axis. Raises DataError for a calibration of another head, and where the laser is to give the distance and gives none.
+    ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known
+    from elsewhere: a roll moves a cube that sits off the axis. Raises DataError for a calibration
+    of another head, and where the laser is to give the distance and gives none.
     """
     driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
     if not driven or survey.head is None:
         return HeadMeasured(angles={})
     if survey.head.angular:
-        seen = [_PassSeen(straightness=(), turns=turns_of(survey.head, each), findings=()) for each in driven]
+        seen = [
+            _PassSeen(straightness=(), turns=turns_of(survey.head, each), findings=())
+            for each in driven
+        ]
     else:
         calibration = _calibration(survey.head, files)
         seen = [_evaluate(survey, survey.head, calibration, each, level) for each in driven]
@@ -84,20 +98,37 @@ def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, by
         straightness=tuple(one for each in seen for one in each.straightness),
         shared_um=tuple(one for each in seen for one in each.shared_um),
         angles=angles,
-        findings=(*(finding for each in seen for finding in each.findings), *incomplete, *_apart(driven, seen)),
+        findings=(
+            *(finding for each in seen for finding in each.findings),
+            *incomplete,
+            *_apart(driven, seen),
+        ),
     )
 
 
-def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return the functions that reach over the whole volume: diagonals cannot be freed of an angle known on a part of them."""
+def _whole(
+    angles: dict[str, KnownAngle], survey: Survey
+) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
+    """Return the functions that reach over the whole volume: diagonals cannot be freed of an angle
+    known on a part of them."""
     whole, findings = {}, []
     for name, known in angles.items():
         nodes = survey.volume.nodes_mm(AXES.index(name[2].lower()))
-        if known.position_mm[0] <= nodes[0] + POSITION_TOLERANCE_MM and known.position_mm[-1] >= nodes[-1] - POSITION_TOLERANCE_MM:
+        if (
+            known.position_mm[0] <= nodes[0] + POSITION_TOLERANCE_MM
+            and known.position_mm[-1] >= nodes[-1] - POSITION_TOLERANCE_MM
+        ):
             whole[name] = known
             continue
         first_mm, last_mm = known.position_mm[[0, -1]]
-        partly = message("fourdof-beam-blocked.partly", name=name, low=first_mm, high=last_mm, first=nodes[0], last_mm=nodes[-1])
+        partly = message(
+            "fourdof-beam-blocked.partly",
+            name=name,
+            low=first_mm,
+            high=last_mm,
+            first=nodes[0],
+            last_mm=nodes[-1],
+        )
         findings.append(finding("warning", partly))
     return whole, tuple(findings)
 
@@ -105,14 +136,20 @@ def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, Kno
 def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
     data = files.get(section.calibration)
     if data is None:
-        raise DataError(section.calibration or "head.calibration", expected=message("head-s-calibration-file"), found=message("nothing"))
+        raise DataError(
+            section.calibration or "head.calibration",
+            expected=message("head-s-calibration-file"),
+            found=message("nothing"),
+        )
     file = parse_head_file(data, section.calibration)
     require_owner(file, section, section.calibration)
     require_measured(file, section.calibration)
     return file
 
 
-def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles) -> _PassSeen:
+def _evaluate(
+    survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles
+) -> _PassSeen:
     name = f"{each.route.setup} pass {each.number}"
     place = message("setup-pass", setup=each.route.setup, number=each.number)
     axis = AXES.index(each.route.travel.axis)
@@ -122,7 +159,11 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
     channels, u_channels = _channels(stops, name)
     distance = _distance_mm(section, run, stops, position, name)
     qd_only = len(stops[0].channels) == QD_ONLY
-    head = replace(calibrated(file), psd1=Detector(), psd2=Detector(), light=None) if qd_only else calibrated(file)
+    head = (
+        replace(calibrated(file), psd1=Detector(), psd2=Detector(), light=None)
+        if qd_only
+        else calibrated(file)
+    )
     found = motion(
         channels,
         distance,
@@ -131,21 +172,35 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
         time_s=None if qd_only else np.array([stop.time_s for stop in stops]),
         u_psd1_urad=_by_channel(channels, u_channels, distance, head, PSD1).drift_urad,
     )
-    findings = tuple(finding(one.severity, message("in-run", run=place, what=one.words), code=one.code) for one in found.findings)
+    findings = tuple(
+        finding(one.severity, message("in-run", run=place, what=one.words), code=one.code)
+        for one in found.findings
+    )
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
-        dark = finding("error", message("fourdof-beam-blocked.dark", run=place, count=count, stops=len(stops)))
+        dark = finding(
+            "error", message("fourdof-beam-blocked.dark", run=place, count=count, stops=len(stops))
+        )
         return _PassSeen(straightness=(), turns={}, findings=(*findings, dark))
     shift_um = survey.uncertainty.source_shift_um
     own = _noise(found, channels, u_channels, distance, head, shift_um)
-    seen = _named(each, run, position, found, own, _calibration_noise(found, channels, distance, head, file))
+    seen = _named(
+        each, run, position, found, own, _calibration_noise(found, channels, distance, head, file)
+    )
     if not qd_only:
         return replace(seen, findings=findings)
-    return replace(seen, turns={}, findings=(*findings, finding("warning", message("fourdof-uncompensated.qd", run=place))))
+    return replace(
+        seen,
+        turns={},
+        findings=(*findings, finding("warning", message("fourdof-uncompensated.qd", run=place))),
+    )
 
 
-def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise", shared: "_Noise") -> _PassSeen:
-    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` is a pass's own, ``shared`` that of all passes."""
+def _named(
+    each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise", shared: "_Noise"
+) -> _PassSeen:
+    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` is a pass's
+    own, ``shared`` that of all passes."""
     mount = Mount(
         axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
         beam=run.beam,
@@ -179,19 +234,30 @@ def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise
 
 
 def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]:
-    """Return the nine channels of every stop and their standard uncertainties; a QD alone gets still, centred spots on the others."""
+    """Return the nine channels of every stop and their standard uncertainties; a QD alone gets
+    still, centred spots on the others."""
     sizes = {len(stop.channels) for stop in stops}
     if not sizes <= {CHANNELS} and not sizes <= {QD_ONLY}:
         found = message("number-of-channels", names=list(map(str, sorted(sizes))))
-        raise DataError(name, expected=message("nine-channels-head-three"), found=found, remedy=message("drive-once-more"))
-    mean, u = np.array([stop.channels for stop in stops]), np.array([stop.u_channels for stop in stops])
+        raise DataError(
+            name,
+            expected=message("nine-channels-head-three"),
+            found=found,
+            remedy=message("drive-once-more"),
+        )
+    mean, u = (
+        np.array([stop.channels for stop in stops]),
+        np.array([stop.u_channels for stop in stops]),
+    )
     if sizes == {QD_ONLY}:
         still = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], (len(stops), 1))
         return np.hstack([mean, still]), np.hstack([u, np.zeros_like(still)])
     return mean, u
 
 
-def _distance_mm(section: HeadSection, run: HeadRun, stops: Sequence[CapturedStop], position: Vector, name: str) -> Vector:
+def _distance_mm(
+    section: HeadSection, run: HeadRun, stops: Sequence[CapturedStop], position: Vector, name: str
+) -> Vector:
     """Return the distance from the head's reference face to the target at every stop."""
     away = position - position.min() if run.beam[0] == "+" else position.max() - position
     if section.distance == "commanded":
@@ -201,7 +267,12 @@ def _distance_mm(section: HeadSection, run: HeadRun, stops: Sequence[CapturedSto
     if not np.isfinite(reading).all():
         missing = stops[int(np.argmin(np.isfinite(reading)))].stop
         remedy = message("put-head-distance-commanded")
-        raise DataError(f"{name}: stop {missing}", expected=message("reading-laser-for-distance"), found=message("none"), remedy=remedy)
+        raise DataError(
+            f"{name}: stop {missing}",
+            expected=message("reading-laser-for-distance"),
+            found=message("none"),
+            remedy=remedy,
+        )
     measured: Vector = run.distance_mm + reading - reading[int(np.argmin(away))]
     return measured
 
@@ -213,7 +284,9 @@ def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vect
     known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
     if known is None:
         return np.zeros(len(position))
-    sense = float(np.cross(unit(run.detector_x), unit(run.detector_y))[axis]) * (1.0 if run.target_on == "tool" else -1.0)
+    sense = float(np.cross(unit(run.detector_x), unit(run.detector_y))[axis]) * (
+        1.0 if run.target_on == "tool" else -1.0
+    )
     roll: Vector = sense * np.interp(position, known.position_mm, known.value_urad)
     return roll
 
@@ -227,27 +300,45 @@ class _Noise:
     drift_urad: Vector
 
 
-def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, shift_um: float) -> _Noise:
-    """Return drift, scatter of the stop's mean and the beam's parallel shift together: what another pass draws anew."""
+def _noise(
+    found: Motion,
+    channels: Vector,
+    u_channels: Vector,
+    distance: Vector,
+    head: Head,
+    shift_um: float,
+) -> _Noise:
+    """Return drift, scatter of the stop's mean and the beam's parallel shift together: what another
+    pass draws anew."""
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
     # the drift's own uncertainty holds the scatter of its detector
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
     return _Noise(
-        straightness_um=np.sqrt(drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2),
+        straightness_um=np.sqrt(
+            drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2
+        ),
         angle_urad=np.hypot(found.u_drift_urad / 2, scatter.angle_urad),
         drift_urad=found.u_drift_urad,
     )
 
 
-def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile) -> _Noise:
-    """Return what is uncertain about the calibration, alike in all passes: straightness free of its end-point line, angle from its first.
+def _calibration_noise(
+    found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile
+) -> _Noise:
+    """Return what is uncertain about the calibration, alike in all passes: straightness free of its
+    end-point line, angle from its first.
 
-    A file without the covariance of a commissioning states the curves' and the lever's uncertainty alone.
+    A file without the covariance of a commissioning states the curves' and the lever's uncertainty
+    alone.
     """
     if not file.uncertainty.of:
         lever_mm = (file.lever or LeverTable()).u_at(distance)[:, None]
         lever_um = lever_mm * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
-        return _Noise(np.hypot(found.u_straightness_um, lever_um), np.sqrt(2.0) * found.u_angle_urad, np.zeros_like(found.drift_urad))
+        return _Noise(
+            np.hypot(found.u_straightness_um, lever_um),
+            np.sqrt(2.0) * found.u_angle_urad,
+            np.zeros_like(found.drift_urad),
+        )
     lit = np.flatnonzero(found.usable)
     first, last = lit[np.argmin(distance[lit])], lit[np.argmax(distance[lit])]
     share = ((distance - distance[first]) / ((distance[last] - distance[first]) or 1.0))[:, None]
@@ -255,29 +346,46 @@ def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: 
     def of(other: Head) -> Vector:
         seen = motion(channels, distance, other)
         straight, angle = seen.straightness_um, seen.angle_urad
-        return np.hstack([straight - (1.0 - share) * straight[first] - share * straight[last], angle - angle[first]])
+        return np.hstack(
+            [
+                straight - (1.0 - share) * straight[first] - share * straight[last],
+                angle - angle[first],
+            ]
+        )
 
     u = spread(of, head, file.uncertainty.of, file.uncertainty.covariance())
     own_um = np.hypot(_bent_growth_um(found, distance, head, share), found.u_straightness_um)
-    straight_um, angle_urad = np.hypot(u[:, :2], own_um), np.hypot(u[:, 2:], np.sqrt(2.0) * found.u_angle_urad)
+    straight_um, angle_urad = (
+        np.hypot(u[:, :2], own_um),
+        np.hypot(u[:, 2:], np.sqrt(2.0) * found.u_angle_urad),
+    )
     return _Noise(straight_um, angle_urad, np.zeros_like(found.drift_urad))
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return by what the QD's gain leaves its straight growth between the two ends (k = 1), in um of straightness, shape (N, 2).
+    """Return by what the QD's gain leaves its straight growth between the two ends (k = 1), in um
+    of straightness, shape (N, 2).
 
-    A beam with its waist in the middle of its path grows with the square of the way from there: by so much of itself it leaves the chord.
-    Where the waist is, is not known: anything up to that is as probable (GUM 4.3.7).
+    A beam with its waist in the middle of its path grows with the square of the way from there: by
+    so much of itself it leaves the chord. Where the waist is, is not known: anything up to that is
+    as probable (GUM 4.3.7).
     """
-    radius_mm = 1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1]) if len(head.qd.x.curve.coefficients_um) > 1 else np.inf
+    radius_mm = (
+        1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1])
+        if len(head.qd.x.curve.coefficients_um) > 1
+        else np.inf
+    )
     rayleigh_mm = np.pi * radius_mm**2 / (1e-6 * WAVELENGTH_NM)
     most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0 / np.sqrt(3.0)
     bent_um: Vector = 4.0 * share * (1.0 - share) * most * np.abs(found.raw_straightness_um)
     return bent_um
 
 
-def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]) -> _Noise:
-    """Return what the scatter of some channels makes of the motion: it goes through the equations channel by channel."""
+def _by_channel(
+    channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]
+) -> _Noise:
+    """Return what the scatter of some channels makes of the motion: it goes through the equations
+    channel by channel."""
     still = motion(channels, distance, head)
     total = [np.zeros_like(still.straightness_um) for _ in range(3)]
     for channel in of:
@@ -287,14 +395,19 @@ def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: He
         moved[:, channel] += u_channels[:, channel]
         other = motion(moved, distance, head)
         for part, (there, here) in enumerate(
-            ((other.straightness_um, still.straightness_um), (other.angle_urad, still.angle_urad), (other.drift_urad, still.drift_urad))
+            (
+                (other.straightness_um, still.straightness_um),
+                (other.angle_urad, still.angle_urad),
+                (other.drift_urad, still.drift_urad),
+            )
         ):
             total[part] = total[part] + (there - here) ** 2
     return _Noise(*map(np.sqrt, total))
 
 
 def _over_passes(seen: Sequence[Turns]) -> dict[str, KnownAngle]:
-    """Return the mean of every rotation over its passes at the positions that all of them have (`_mean`)."""
+    """Return the mean of every rotation over its passes at the positions that all of them have
+    (`_mean`)."""
     names = sorted({name for turns in seen for name in turns}, key=lambda name: (name[2], name[1]))
     return {name: _mean_angle([turns[name] for turns in seen if name in turns]) for name in names}
 
@@ -316,7 +429,9 @@ def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vect
         common = np.intersect1d(common, position)
     values = np.array([value[np.isin(position, common)] for position, value, *_ in passes])
     values = values - values[:, :1]
-    own, shared = (np.array([one[which][np.isin(one[0], common)] for one in passes]) for which in (2, 3))
+    own, shared = (
+        np.array([one[which][np.isin(one[0], common)] for one in passes]) for which in (2, 3)
+    )
     u = np.sqrt(np.mean(own**2, axis=0) / len(passes))
     if len(passes) > 1:
         spread = float(np.sqrt(np.mean(np.var(values[:, 1:], axis=0, ddof=1)) / len(passes)))
@@ -325,7 +440,8 @@ def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vect
 
 
 def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return all functions known: the head's, and the file's for what the head does not see (the rolls); a finding where both have one."""
+    """Return all functions known: the head's, and the file's for what the head does not see (the
+    rolls); a finding where both have one."""
     both = [name for name in head if name in level]
     findings = []
     if both:
@@ -343,7 +459,10 @@ def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
     """
     names = dict.fromkeys(one.name for one in measured.straightness)
     both = list(zip(measured.straightness, measured.shared_um, strict=True))
-    return tuple(_mean_straightness([(one, shared) for one, shared in both if one.name == name]) for name in names)
+    return tuple(
+        _mean_straightness([(one, shared) for one, shared in both if one.name == name])
+        for name in names
+    )
 
 
 def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
@@ -363,15 +482,28 @@ def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
             times = float(np.sqrt(np.mean(apart**2) / np.mean(variance))) if len(at) else 0.0
             name = mine[0].name
             if times > APART and times > worst.get(name, (0.0, None))[0]:
-                figures = {"apart_um": float(np.max(np.abs(apart))), "expanded_um": 2.0 * float(np.sqrt(np.mean(variance)))}
-                words = message("straightness-misclosure.passes", name=name, first=before.number, second=after.number, **figures)
+                figures = {
+                    "apart_um": float(np.max(np.abs(apart))),
+                    "expanded_um": 2.0 * float(np.sqrt(np.mean(variance))),
+                }
+                words = message(
+                    "straightness-misclosure.passes",
+                    name=name,
+                    first=before.number,
+                    second=after.number,
+                    **figures,
+                )
                 worst[name] = times, finding("warning", words)
     return [found for _, found in worst.values()]
 
 
 def _own_lines(seen: _PassSeen) -> list[tuple[MeasuredStraightness, Vector, Vector]]:
-    """Return the functions of a pass free of their end-point lines, and what a pass draws anew of their uncertainty."""
-    return [(one, *_own_line(one, shared)) for one, shared in zip(seen.straightness, seen.shared_um, strict=True)]
+    """Return the functions of a pass free of their end-point lines, and what a pass draws anew of
+    their uncertainty."""
+    return [
+        (one, *_own_line(one, shared))
+        for one, shared in zip(seen.straightness, seen.shared_um, strict=True)
+    ]
 
 
 def _own_line(one: MeasuredStraightness, shared_um: Vector) -> tuple[Vector, Vector]:
@@ -379,8 +511,12 @@ def _own_line(one: MeasuredStraightness, shared_um: Vector) -> tuple[Vector, Vec
     return residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, own_um)
 
 
-def _mean_straightness(passes: Sequence[tuple[MeasuredStraightness, Vector]]) -> MeasuredStraightness:
-    position, value, u = _mean([(one.position_mm, *_own_line(one, shared), shared) for one, shared in passes])
+def _mean_straightness(
+    passes: Sequence[tuple[MeasuredStraightness, Vector]],
+) -> MeasuredStraightness:
+    position, value, u = _mean(
+        [(one.position_mm, *_own_line(one, shared), shared) for one, shared in passes]
+    )
     ways = {one.approach for one, _ in passes}
     return MeasuredStraightness(
         name=passes[0][0].name,

@@ -34,13 +34,18 @@ class CommissioningRun:
 
 
 def commissioning_run(replayed: Replayed) -> CommissioningRun:
-    """Return the stands between the stops of the head's run. Raises DataError without such a run, or for runs of several axes."""
+    """Return the stands between the stops of the head's run. Raises DataError without such a run,
+    or for runs of several axes."""
     section = replayed.survey.head
-    outcomes = [(log, one) for log in replayed.logs for one in log.outcomes if isinstance(one, CapturedStop)]
+    outcomes = [
+        (log, one) for log in replayed.logs for one in log.outcomes if isinstance(one, CapturedStop)
+    ]
     axes = {one.setup[-1] for _, one in outcomes if one.setup.startswith("fourdof-")}
     if section is None or len(axes) != 1:
         found = ", ".join(sorted(axes)) or message("none")
-        raise DataError(str(replayed.logs[0].path), expected=message("head-run-of-one-axis"), found=found)
+        raise DataError(
+            str(replayed.logs[0].path), expected=message("head-run-of-one-axis"), found=found
+        )
     axis = axes.pop()
     paths = dict.fromkeys(log.path for log, one in outcomes if one.setup == f"fourdof-{axis}")
     standings = [one for path in paths for one in _standings(open_log(path), replayed.survey)]
@@ -56,11 +61,16 @@ def _standings(log: Log, survey: Survey) -> Iterator[Standing]:
     for position, from_ns, to_ns in _still(log, survey):
         here = (time_ns >= from_ns) & (time_ns <= to_ns)
         if here.any():
-            yield Standing(position_mm=position, time_s=1e-9 * (time_ns[here] - time_ns[0]), channels=channels[here])
+            yield Standing(
+                position_mm=position,
+                time_s=1e-9 * (time_ns[here] - time_ns[0]),
+                channels=channels[here],
+            )
 
 
 def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
-    """Yield the places, and from when to when the machine surely stood there, of all stands without a word to the PLC."""
+    """Yield the places, and from when to when the machine surely stood there, of all stands without
+    a word to the PLC."""
     try:
         signals = SignalDecoder(survey.plc.signals, survey.plc.parsed())
     except UsageError as error:
@@ -73,7 +83,9 @@ def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
         signals_now = signals.decode(event)
         if signals_now.commanded_mm is None:
             expected = message("commanded-positions")
-            raise DataError(log.path.name, expected=expected, found=message("none"), remedy=message("map-x-y-z"))
+            raise DataError(
+                log.path.name, expected=expected, found=message("none"), remedy=message("map-x-y-z")
+            )
         here = None if signals_now.stopped else signals_now.commanded_mm
         if begun is not None and here != begun[0]:
             yield from _long_enough(begun, last_ns)
@@ -85,7 +97,9 @@ def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
         yield from _long_enough(begun, last_ns)
 
 
-def _long_enough(begun: tuple[Sequence[float], int], last_ns: int) -> Iterator[tuple[Vector, float, float]]:
+def _long_enough(
+    begun: tuple[Sequence[float], int], last_ns: int
+) -> Iterator[tuple[Vector, float, float]]:
     place, from_ns = begun
     settled_ns = from_ns + 1e9 * SETTLE_S
     if last_ns - settled_ns >= 1e9 * SHORTEST_S:

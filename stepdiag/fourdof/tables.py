@@ -1,9 +1,11 @@
-"""Tables of multi-axis lasers (position, angles, straightness, roll at once) as readings, angles and straightness.
+"""Tables of multi-axis lasers (position, angles, straightness, roll at once) as readings, angles
+and straightness.
 
-A column is named by ``FUNCTION=[-]COLUMN[UNIT]~U``: ``EBX=-Pitch[arcsec]~0.1``; U is k = 1 in the column's unit. Rows stand in the order
-of driving. A pass ends where the axis turns round, or goes back to its beginning at once; a turn at one single stop ends the way out and
-begins the way back. A function at a target is the mean of its passes (of one approach, for straightness), its u the larger of the stated
-one and what the passes scatter by.
+A column is named by ``FUNCTION=[-]COLUMN[UNIT]~U``: ``EBX=-Pitch[arcsec]~0.1``; U is k = 1 in the
+column's unit. Rows stand in the order of driving. A pass ends where the axis turns round, or goes
+back to its beginning at once; a turn at one single stop ends the way out and begins the way back. A
+function at a target is the mean of its passes (of one approach, for straightness), its u the larger
+of the stated one and what the passes scatter by.
 """
 
 import math
@@ -28,17 +30,23 @@ from stepdiag.solver.model.lateral import MeasuredStraightness
 
 Whole: TypeAlias = NDArray[np.int64]
 Flags: TypeAlias = NDArray[np.bool_]
-UM, URAD = {"nm": 1e-3, "um": 1.0, "mm": 1e3}, {"urad": 1.0, "mrad": 1e3, "arcsec": 1e6 * math.pi / 648_000.0}
+UM, URAD = (
+    {"nm": 1e-3, "um": 1.0, "mm": 1e3},
+    {"urad": 1.0, "mrad": 1e3, "arcsec": 1e6 * math.pi / 648_000.0},
+)
 UNITS = {**UM, **URAD}
 POSITION = "position"
 BACK_AT_ONCE = 0.9
 """Of the travel, in one step: the axis goes back to begin again."""
-_NAMED = re.compile(r"(?P<name>\w+)=(?P<sign>-?)(?P<column>.+)\[(?P<unit>\w+)\](?:~(?P<u>[0-9.]+))?")
+_NAMED = re.compile(
+    r"(?P<name>\w+)=(?P<sign>-?)(?P<column>.+)\[(?P<unit>\w+)\](?:~(?P<u>[0-9.]+))?"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """A column of a table: its factor to mm (position), um or urad, sign included, and its standard uncertainty in these, NaN or stated."""
+    """A column of a table: its factor to mm (position), um or urad, sign included, and its standard
+    uncertainty in these, NaN or stated."""
 
     name: str
     factor: float
@@ -47,7 +55,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Table:
-    """One run: rows in the order of driving. ``number`` (rows,) is the pass, odd in +; ``turned`` where a row ends the pass before, too."""
+    """One run: rows in the order of driving. ``number`` (rows,) is the pass, odd in +; ``turned``
+    where a row ends the pass before, too."""
 
     setup: str
     position_mm: Vector
@@ -65,13 +74,21 @@ def columns_named(options: Sequence[str]) -> dict[str, Column]:
         part = _NAMED.fullmatch(option)
         units = () if part is None else _units_of(part["name"])
         if part is None or part["unit"] not in units:
-            expected = message("table-column", names=[POSITION, *DISPLACEMENTS, *ROTATIONS], units=list(units or UNITS))
+            expected = message(
+                "table-column",
+                names=[POSITION, *DISPLACEMENTS, *ROTATIONS],
+                units=list(units or UNITS),
+            )
             raise UsageError("--map", expected=expected, found=repr(option))
         factor = UNITS[part["unit"]] * (1e-3 if part["name"] == POSITION else 1.0)
         u = factor * float(part["u"]) if part["u"] else math.nan
-        columns[part["name"]] = Column(name=part["column"].strip(), factor=-factor if part["sign"] else factor, u=u)
+        columns[part["name"]] = Column(
+            name=part["column"].strip(), factor=-factor if part["sign"] else factor, u=u
+        )
     if POSITION not in columns:
-        raise UsageError("--map", expected=message("table-position"), found=", ".join(columns) or message("none"))
+        raise UsageError(
+            "--map", expected=message("table-position"), found=", ".join(columns) or message("none")
+        )
     return columns
 
 
@@ -82,21 +99,31 @@ def _units_of(name: str) -> tuple[str, ...]:
 
 
 def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str) -> Table:
-    """Return the run of a table; columns of other axes are left out. Raises ``DataError`` as `read_table`, and for a table of no travel."""
+    """Return the run of a table; columns of other axes are left out. Raises ``DataError`` as
+    `read_table`, and for a table of no travel."""
     header = text.partition("\n")[0]
     for separator in (";", "\t"):
         if separator in header:
             text = text.replace(",", ".").replace(separator, ",")
-    own = {name: one for name, one in columns.items() if name == POSITION or name[2] == setup[-1].upper()}
+    own = {
+        name: one
+        for name, one in columns.items()
+        if name == POSITION or name[2] == setup[-1].upper()
+    }
     table = read_table(text, source, list(dict.fromkeys(one.name for one in own.values())))
     read = {
-        name: one.factor * np.array([number_in(fields, one.name, f"{source}: line {line}") for line, fields in table])
+        name: one.factor
+        * np.array(
+            [number_in(fields, one.name, f"{source}: line {line}") for line, fields in table]
+        )
         for name, one in own.items()
     }
     position = read.pop(POSITION)
     rows, number, turned = _passes(position, source)
     values = {name: value[rows] for name, value in read.items()}
-    return Table(setup=setup, position_mm=position[rows], number=number, turned=turned, values=values)
+    return Table(
+        setup=setup, position_mm=position[rows], number=number, turned=turned, values=values
+    )
 
 
 def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
@@ -125,11 +152,17 @@ def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
     return np.array(rows), np.array(number), np.array(turned, dtype=np.bool_)
 
 
-def readings_of(tables: Sequence[Table], columns: Mapping[str, Column], at_mm: Sequence[Vector]) -> Readings | None:
+def readings_of(
+    tables: Sequence[Table], columns: Mapping[str, Column], at_mm: Sequence[Vector]
+) -> Readings | None:
     """Return the linear runs of the tables with positioning, each along a line through ``at_mm``;
     None without such a table.
     """
-    parts = [(table, place) for table, place in zip(tables, at_mm, strict=True) if _positioning(table) in table.values]
+    parts = [
+        (table, place)
+        for table, place in zip(tables, at_mm, strict=True)
+        if _positioning(table) in table.values
+    ]
     if not parts:
         return None
     position, reading = [], []
@@ -144,7 +177,9 @@ def readings_of(tables: Sequence[Table], columns: Mapping[str, Column], at_mm: S
         stop=np.concatenate([_stops(table.number) for table, _ in parts]),
         position_mm=np.vstack(position),
         reading_mm=np.concatenate([values - values[0] for values in reading]),
-        u_um=np.concatenate([np.full(len(table.number), columns[_positioning(table)].u) for table, _ in parts]),
+        u_um=np.concatenate(
+            [np.full(len(table.number), columns[_positioning(table)].u) for table, _ in parts]
+        ),
         zero=np.zeros(sum(len(table.number) for table, _ in parts), dtype=np.int64),
         turned=np.concatenate([table.turned for table, _ in parts]),
     )
@@ -166,23 +201,36 @@ def angles_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> Angles:
     found: dict[str, KnownAngle] = {}
     for table in tables:
         for name in (name for name in ROTATIONS if name in table.values):
-            at, value, u = _means(table, name, np.ones(len(table.number), dtype=np.bool_), columns[name].u)
+            at, value, u = _means(
+                table, name, np.ones(len(table.number), dtype=np.bool_), columns[name].u
+            )
             found[name] = KnownAngle(position_mm=at, value_urad=value - value[0], u_urad=u)
     return found
 
 
-def straightness_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> tuple[MeasuredStraightness, ...]:
-    """Return the straightness of the tables by approach. Raises ``UsageError`` where its uncertainty is not stated."""
+def straightness_of(
+    tables: Sequence[Table], columns: Mapping[str, Column]
+) -> tuple[MeasuredStraightness, ...]:
+    """Return the straightness of the tables by approach. Raises ``UsageError`` where its
+    uncertainty is not stated."""
     found: list[MeasuredStraightness] = []
     for table in tables:
-        for name in (name for name in DISPLACEMENTS if name in table.values and name not in POSITIONING):
+        for name in (
+            name for name in DISPLACEMENTS if name in table.values and name not in POSITIONING
+        ):
             if math.isnan(columns[name].u):
-                raise UsageError("--map", expected=message("table-u", name=name), found=message("none"))
+                raise UsageError(
+                    "--map", expected=message("table-u", name=name), found=message("none")
+                )
             for approach in (1, -1):
                 mine = (table.number % 2 == 1) == (approach > 0)
                 if np.any(mine):
                     at, value, u = _means(table, name, mine & ~table.turned, columns[name].u)
-                    found.append(MeasuredStraightness(name=name, position_mm=at, value_um=value, u_um=u, approach=approach))
+                    found.append(
+                        MeasuredStraightness(
+                            name=name, position_mm=at, value_um=value, u_um=u, approach=approach
+                        )
+                    )
     return tuple(found)
 
 
@@ -196,5 +244,9 @@ def _means(table: Table, name: str, rows: Flags, u: float) -> tuple[Vector, Vect
     count = np.bincount(place)
     mean = np.bincount(place, weights=values) / count
     between = np.bincount(place, weights=free) / count
-    scatter = np.sqrt(np.bincount(place, weights=(free - between[place]) ** 2).sum() / max(len(values) - len(at), 1) / count)
+    scatter = np.sqrt(
+        np.bincount(place, weights=(free - between[place]) ** 2).sum()
+        / max(len(values) - len(at), 1)
+        / count
+    )
     return at, mean, np.fmax(u, scatter)

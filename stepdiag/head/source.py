@@ -22,20 +22,30 @@ STAGE_S = 1.0
 
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":
-    """Return what the head measured in these logs. Raises DataError where no pass of it is whole."""
+    """Return what the head measured in these logs. Raises DataError where no pass of it is
+    whole."""
     from stepdiag.completion import completion
     from stepdiag.daq.replay import find_logs, replay
 
     measured = completion.head_of_logs(replay(find_logs(logs)))
     if not measured.straightness:
-        raise DataError(str(logs[0]), expected=message("whole-head-pass"), found=message("none"), remedy=message("drive-fourdof"))
+        raise DataError(
+            str(logs[0]),
+            expected=message("whole-head-pass"),
+            found=message("none"),
+            remedy=message("drive-fourdof"),
+        )
     return measured
 
 
-def head_record(source: Path, default_s: float, ask: str = "", *, stated_s: float | None = None) -> "HeadRecord":
-    """Return the samples of a source by its suffix; a live one begins at Enter where ``ask`` names something to do first.
+def head_record(
+    source: Path, default_s: float, ask: str = "", *, stated_s: float | None = None
+) -> "HeadRecord":
+    """Return the samples of a source by its suffix; a live one begins at Enter where ``ask`` names
+    something to do first.
 
-    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a recording with a stated time.
+    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a
+    recording with a stated time.
     """
     from stepdiag.base.files import read_text
     from stepdiag.daq.survey.file import load_survey
@@ -50,7 +60,11 @@ def head_record(source: Path, default_s: float, ask: str = "", *, stated_s: floa
     if suffix == ".mcap":
         return head_of_log(source)
     if suffix != ".toml":
-        raise UsageError(str(source), expected=message("head-source"), found=source.suffix or message("no-suffix"))
+        raise UsageError(
+            str(source),
+            expected=message("head-source"),
+            found=source.suffix or message("no-suffix"),
+        )
     survey = load_survey(source)
     if ask:
         typer.prompt(shown(message("press-enter", what=ask)), default="", show_default=False)
@@ -63,7 +77,9 @@ def read_calibration(path: Path) -> "HeadFile":
     from stepdiag.base.files import LARGEST_SETTINGS_BYTES, read_bytes
     from stepdiag.daq.survey.head_file import parse_head_file
 
-    return parse_head_file(read_bytes(path, largest=LARGEST_SETTINGS_BYTES, blame=UsageError), path.name)
+    return parse_head_file(
+        read_bytes(path, largest=LARGEST_SETTINGS_BYTES, blame=UsageError), path.name
+    )
 
 
 def write_calibration(path: Path, file: "HeadFile") -> None:
@@ -75,7 +91,8 @@ def write_calibration(path: Path, file: "HeadFile") -> None:
 
 
 def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
-    """Return readings of one detector axis against the stage's: of a two-column CSV, or live, the person moving the stage."""
+    """Return readings of one detector axis against the stage's: of a two-column CSV, or live, the
+    person moving the stage."""
     from stepdiag.base.files import read_text
     from stepdiag.fourdof.commissioning import parse_stage_run
 
@@ -95,7 +112,11 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
     rows = []
     unit = "um" if detector == "qd" else "arcsec"
     while True:
-        typed = typer.prompt(shown(message("ask-reference", name=f"{detector}.{axis}", unit=UNITS[unit])), default="", show_default=False)
+        typed = typer.prompt(
+            shown(message("ask-reference", name=f"{detector}.{axis}", unit=UNITS[unit])),
+            default="",
+            show_default=False,
+        )
         if not typed.strip():
             break
         try:
@@ -110,10 +131,14 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
 
 
 def curves_of_logs(paths: list[Path]) -> "Curves":
-    """Return the head's functions in these logs as they are compared: straightness in um, angles in arc-seconds."""
+    """Return the head's functions in these logs as they are compared: straightness in um, angles in
+    arc-seconds."""
     from stepdiag.fourdof.runs import mean_straightness
     from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 
     measured = head_of_logs(paths)
-    angles = {name: (known.position_mm, known.value_urad / URAD_PER_ARCSEC) for name, known in measured.angles.items()}
+    angles = {
+        name: (known.position_mm, known.value_urad / URAD_PER_ARCSEC)
+        for name, known in measured.angles.items()
+    }
     return {**mean_straightness(measured), **angles}

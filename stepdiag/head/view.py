@@ -1,4 +1,5 @@
-"""The 4-DOF head on a terminal and in charts: live spots, tables of the commissioning and of the tests."""
+"""The 4-DOF head on a terminal and in charts: live spots, tables of the commissioning and of the
+tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -44,7 +45,11 @@ class AlignView:
     @contextmanager
     def live(self) -> Iterator[None]:
         """Show what `take` is given, until the block ends."""
-        with Live(empty_table(message("waiting-for-head")), console=self._console, refresh_per_second=REFRESH_HZ) as live:
+        with Live(
+            empty_table(message("waiting-for-head")),
+            console=self._console,
+            refresh_per_second=REFRESH_HZ,
+        ) as live:
             self._live = live
             yield
         self._live = None
@@ -61,8 +66,13 @@ class AlignView:
         self._console.print(self.table(last.mean(axis=0), 0))
 
     def table(self, channels: Vector, flags: int) -> Table:
-        """Return one row a detector: place of the spot from -1 to 1 by number and bar, sum, sum against the highest seen."""
-        flagged = ", ".join(name.lower().replace("_", " ") for flag, name in ((flag, str(flag.name)) for flag in Flag) if flags & flag)
+        """Return one row a detector: place of the spot from -1 to 1 by number and bar, sum, sum
+        against the highest seen."""
+        flagged = ", ".join(
+            name.lower().replace("_", " ")
+            for flag, name in ((flag, str(flag.name)) for flag in Flag)
+            if flags & flag
+        )
         table = empty_table(message("table-spots", what=flagged or message("all-samples-good")))
         table.box = SIMPLE
         for column in table.columns:
@@ -71,7 +81,11 @@ class AlignView:
             x, y, total = channels[3 * index : 3 * index + 3]
             self._fullest[index] = max(self._fullest[index], total)
             place = (x / total, y / total) if total > 0 else (np.nan, np.nan)
-            share = f"{100 * total / self._fullest[index]:.0f} %" if self._fullest[index] > 0 else shown(message("spot-dark"))
+            share = (
+                f"{100 * total / self._fullest[index]:.0f} %"
+                if self._fullest[index] > 0
+                else shown(message("spot-dark"))
+            )
             cells = [cell for value in place for cell in (f"{value:+.4f}", _bar(value))]
             table.add_row(DETECTORS[index], *cells, f"{total:.6g}", share)
         return table
@@ -88,21 +102,35 @@ def _bar(value: float) -> str:
 def commission_table(done: HeadCommissioned) -> None:
     """Print a row per field found by the commissioning: its value and its U (k = 2)."""
     table = empty_table(message("table-commissioned"))
-    for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
+    for name, value, u in zip(
+        done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True
+    ):
         table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
     Console().print(table)
-    print_words(message("commissioned-by", stands=done.stands, dark=done.dark, miss_um=2 * done.found.u_jog_um))
+    print_words(
+        message(
+            "commissioned-by", stands=done.stands, dark=done.dark, miss_um=2 * done.found.u_jog_um
+        )
+    )
 
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
-    """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the published head's."""
+    """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the
+    published head's."""
     table = empty_table(message("table-calibration"))
     for name, each in fits.items():
         low, high = each.limits
         reach = f"{each.run.reference.min():g} .. {each.run.reference.max():g}"
         inside = max(-low, high) <= (PAPER_UM if each.run.unit == "um" else PAPER_ARCSEC)
-        figures = (f"{low:+.2f}", f"{high:+.2f}", UNITS[each.run.unit], f"{each.fit.curve.u_um:.2f}")
-        table.add_row(name, reach, *figures, shown(message("identified-yes" if inside else "identified-no")))
+        figures = (
+            f"{low:+.2f}",
+            f"{high:+.2f}",
+            UNITS[each.run.unit],
+            f"{each.fit.curve.u_um:.2f}",
+        )
+        table.add_row(
+            name, reach, *figures, shown(message("identified-yes" if inside else "identified-no"))
+        )
     Console().print(table)
 
 
@@ -125,18 +153,27 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
 
 
 def stability_table(found: Mapping[str, Stability]) -> None:
-    """Print one row a quantity: fluctuation (largest minus smallest) raw and compensated, the part removed, standard deviations."""
+    """Print one row a quantity: fluctuation (largest minus smallest) raw and compensated, the part
+    removed, standard deviations."""
     table = empty_table(message("table-stability"))
     table.columns[0].no_wrap = True
     for name, each in found.items():
         figures = (each.raw_fluctuation, each.compensated_fluctuation)
         removed = f"{each.removed_percent:.0f} %"
-        table.add_row(name, *(f"{value:.2f}" for value in figures), removed, f"{each.raw_s:.3f}", f"{each.compensated_s:.3f}", _unit(name))
+        table.add_row(
+            name,
+            *(f"{value:.2f}" for value in figures),
+            removed,
+            f"{each.raw_s:.3f}",
+            f"{each.compensated_s:.3f}",
+            _unit(name),
+        )
     Console().print(table)
 
 
 def allan_charts(found: Mapping[str, Stability]) -> list[str]:
-    """Return a chart a quantity: the Allan deviation raw and compensated over the averaging time."""
+    """Return a chart a quantity: the Allan deviation raw and compensated over the averaging
+    time."""
     drawn = []
     for name, each in found.items():
         octaves = np.log10(each.tau_s)
@@ -146,20 +183,28 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
         ]
         y_label = f"{name} / {_unit(name)}"
         drawn.append(
-            line_chart(series, label=shown(message("chart-allan", name=name)), x_label=shown(message("axis-of-averaging")), y_label=y_label)
+            line_chart(
+                series,
+                label=shown(message("chart-allan", name=name)),
+                x_label=shown(message("axis-of-averaging")),
+                y_label=y_label,
+            )
         )
     return drawn
 
 
 def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None:
-    """Print one row a function: straightness by the three lines, or the range of an angle, and U (k = 2) of a value."""
+    """Print one row a function: straightness by the three lines, or the range of an angle, and U (k
+    = 2) of a value."""
     table = empty_table(message("table-head"))
     for one in straight:
         lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
         table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "µm")
     for name, known in angles.items():
         spread = f"{float(np.ptp(known.value_urad)):.2f}"
-        table.add_row(name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "µrad")
+        table.add_row(
+            name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "µrad"
+        )
     Console().print(table)
 
 
@@ -178,7 +223,9 @@ def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
     """
     for axis, arm in arms.items():
         offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)
-        places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in offsets if np.isfinite(mm))
+        places = ", ".join(
+            f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in offsets if np.isfinite(mm)
+        )
         left = ", ".join(f"{name} {arm.rms_um(name):.2f} µm" for name in arm.residual_um)
         yield shown(message("head-arm", axis=axis, places=places, left=left))
 

@@ -41,7 +41,8 @@ LONGEST_COMMAND = 3000
 BODY_S = 5.0
 """Longest time for the body of a request in s."""
 MOST_READERS = 200
-"""Streams served at once, no more than half of them for one address; counted before they are accepted."""
+"""Streams served at once, no more than half of them for one address; counted before they are
+accepted."""
 
 
 class Ordered(msgspec.Struct, frozen=True):
@@ -89,20 +90,26 @@ class Page:
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Answer what the page needs before the stream: language, version, whether there is a token, without which no order is taken.
+        """Answer what the page needs before the stream: language, version, whether there is a
+        token, without which no order is taken.
 
         And what is open to this process that its walls could not shut.
         """
         return JSONResponse(
             {
-                "language": self._settings.language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": self.access.needed,
+                "language": self._settings.language,
+                "languages": LANGUAGES,
+                "version": version("stepdiag"),
+                "commands": self.access.needed,
                 "open": list(self.still_open),
             }
-        )  # fmt: skip
+        )
 
     async def texts(self, request: Request) -> Response:
         """Answer the words of one language."""
-        language = next((known for known in LANGUAGES if known == request.path_params["language"]), None)
+        language = next(
+            (known for known in LANGUAGES if known == request.path_params["language"]), None
+        )
         if language is None:
             return refused(404, message("page-no-language", known=LANGUAGES))
         words = {section: catalogue(section, language) for section in ("common", "page")}
@@ -122,21 +129,28 @@ class Page:
         path = (await self._daemon.picture()).result
         if not path or not await run_in_threadpool(Path(path).is_file):
             return refused(404, message("page-no-result"))
-        return FileResponse(path, media_type="application/json", headers={"Cache-Control": "no-store"})
+        return FileResponse(
+            path, media_type="application/json", headers={"Cache-Control": "no-store"}
+        )
 
     async def conclusion(self, _request: Request) -> Response:
-        """Answer the conclusion of the survey shown: words are for everybody who may open the page, files are not."""
+        """Answer the conclusion of the survey shown: words are for everybody who may open the page,
+        files are not."""
         found = next((one for one in await self._listed() if one.name == CONCLUSION), None)
         if found is None:
             return refused(404, message("page-no-conclusion"))
-        return FileResponse(found.path, media_type="application/json", headers={"Cache-Control": "no-store"})
+        return FileResponse(
+            found.path, media_type="application/json", headers={"Cache-Control": "no-store"}
+        )
 
     async def downloads(self, request: Request) -> Response:
         """Answer the list of files that may be fetched."""
         if not await self.access.reads(request):
             return _locked()
         fields = ("name", "kind", "size_bytes", "sha256", "group")
-        return JSONResponse([{field: getattr(one, field) for field in fields} for one in await self._listed()])
+        return JSONResponse(
+            [{field: getattr(one, field) for field in fields} for one in await self._listed()]
+        )
 
     async def download(self, request: Request) -> Response:
         """Answer a listed file; a name off the list does not exist."""
@@ -151,7 +165,8 @@ class Page:
         return _file(found)
 
     async def open(self, request: Request) -> Response:
-        """Answer whether the token that came along may command; files are open to this browser from then on."""
+        """Answer whether the token that came along may command; files are open to this browser from
+        then on."""
         if not await self.access.commands(request):
             return refused(403, message("page-wrong-token"))
         answer = Response(status_code=204)
@@ -159,14 +174,20 @@ class Page:
         return answer
 
     async def command(self, request: Request) -> Response:
-        """Do what was ordered: 204 done, 400 not understood, 403 not allowed, 409 refused with the reason."""
+        """Do what was ordered: 204 done, 400 not understood, 403 not allowed, 409 refused with the
+        reason."""
         if not await self.access.commands(request):
-            return refused(403, message("page-wrong-token") if self.access.needed else message("page-read-only"))
+            return refused(
+                403,
+                message("page-wrong-token") if self.access.needed else message("page-read-only"),
+            )
         body = await _limited_body(request)
         try:
             order = msgspec.json.decode(body or b"", type=Ordered)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
-            return refused(400, message("page-no-command", why=str(why), known=get_args(CommandName)))
+            return refused(
+                400, message("page-no-command", why=str(why), known=get_args(CommandName))
+            )
         refusal = await self._daemon.order(order.name, order.arguments, address_of(request))
         return refused(409, refusal) if refusal else Response(status_code=204)
 
@@ -231,15 +252,25 @@ def _packed(found: Download) -> Response:
         return refused(409, named)
     except OSError as why:  # moved away, or its disk is, while it was packed
         return refused(409, message("labelled", name=found.path.name, what=system_words(why)))
-    headers = {"Content-Disposition": f'attachment; filename="{found.name}"', "Cache-Control": "no-store"}
+    headers = {
+        "Content-Disposition": f'attachment; filename="{found.name}"',
+        "Cache-Control": "no-store",
+    }
     return Response(data, media_type="application/zip", headers=headers)
 
 
 def _file(found: Download) -> Response:
     if found.kind == "report" and found.path.suffix == ".html":
         headers = {"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
-        return FileResponse(found.path, filename=found.name, content_disposition_type="inline", headers=headers)
-    return FileResponse(found.path, filename=found.name, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
+        return FileResponse(
+            found.path, filename=found.name, content_disposition_type="inline", headers=headers
+        )
+    return FileResponse(
+        found.path,
+        filename=found.name,
+        media_type="application/octet-stream",
+        headers={"Cache-Control": "no-store"},
+    )
 
 
 def create_app(page: Page, daemon: Daemon, settings: PageSettings) -> Starlette:

@@ -69,7 +69,8 @@ class Broadcaster:
         return len(self._mailboxes)
 
     async def stream(self) -> AsyncIterator[bytes]:
-        """Yield the server-sent events of one reader, from the next picture on, until the page closes or the reader goes."""
+        """Yield the server-sent events of one reader, from the next picture on, until the page
+        closes or the reader goes."""
         mailbox = Mailbox()
         self._mailboxes.add(mailbox)
         self._newcomers.add(mailbox)

@@ -31,11 +31,15 @@ class CappedListener(socket.socket):
         """Number of refused connections."""
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
-        """Return the next connection. Raises ConnectionAbortedError for one too much, which asyncio takes for a guest who has left."""
+        """Return the next connection. Raises ConnectionAbortedError for one too much, which asyncio
+        takes for a guest who has left."""
         guest, address = super().accept()
         self._open = {each: host for each, host in self._open.items() if each.fileno() >= 0}
         host = str(address[0])
-        if len(self._open) >= MOST_CONNECTIONS or Counter(self._open.values())[host] >= MOST_OF_ONE_ADDRESS:
+        if (
+            len(self._open) >= MOST_CONNECTIONS
+            or Counter(self._open.values())[host] >= MOST_OF_ONE_ADDRESS
+        ):
             guest.close()
             self.refused += 1
             raise ConnectionAbortedError("too many connections")
@@ -49,14 +53,16 @@ class PunctualLoop(asyncio.SelectorEventLoop):
     """
 
     async def create_server(self, *args: Any, **options: Any) -> asyncio.Server:
-        """Listen; where it is TLS, with the patience of `PunctualProtocol` instead of the library's minute."""
+        """Listen; where it is TLS, with the patience of `PunctualProtocol` instead of the library's
+        minute."""
         if options.get("ssl") is not None:
             options |= {"ssl_handshake_timeout": HEAD_S, "ssl_shutdown_timeout": HEAD_S}
         return await super().create_server(*args, **options)
 
 
 class PunctualProtocol(H11Protocol):
-    """HTTP whose requests must arrive within `HEAD_S`: from the beginning of the connection, or from the end of the answer before."""
+    """HTTP whose requests must arrive within `HEAD_S`: from the beginning of the connection, or
+    from the end of the answer before."""
 
     _patience: asyncio.TimerHandle | None = None
 

@@ -4,20 +4,34 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stepdiag.daq.records.status import Download
-from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, REFUSED, RESULT, logs_in
+from stepdiag.daq.records.survey_folder import (
+    CONCLUSION,
+    EXPORTS,
+    READINGS,
+    REFUSED,
+    RESULT,
+    logs_in,
+)
 from stepdiag.exporters.files.sets import whole
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:
-    """Return result, report, readings, controller files and logs of a survey's folder; empty before there are any.
+    """Return result, report, readings, controller files and logs of a survey's folder; empty before
+    there are any.
 
     A link that leads out of the folder is none of its files.
     """
     if not folder.is_dir():
         return ()
-    found = [(path, "result") for name in (RESULT, READINGS, CONCLUSION) if (path := folder / name).is_file()]
+    found = [
+        (path, "result")
+        for name in (RESULT, READINGS, CONCLUSION)
+        if (path := folder / name).is_file()
+    ]
     found += [(path, "report") for path in sorted(folder.glob("report.*")) if path.is_file()]
-    found += [(path, "certificate") for path in sorted(folder.glob("certificate*.*")) if path.is_file()]
+    found += [
+        (path, "certificate") for path in sorted(folder.glob("certificate*.*")) if path.is_file()
+    ]
     found += [(path, "export") for path in _exported(folder / EXPORTS)]
     found += [(path, "log") for path in logs_in(folder) if path.suffix == ".mcap"]
     files = tuple(
@@ -41,10 +55,24 @@ def _stands_in(folder: Path, path: Path) -> bool:
 def _bundles(exports: Path) -> Iterator[Download]:
     """Yield two bundles per control with files: the files to load, and the files to restore."""
     for folder in sorted(exports.iterdir()) if exports.is_dir() else ():
-        if folder.is_dir() and not folder.name.startswith(".") and _stands_in(exports, folder) and whole(folder):
+        if (
+            folder.is_dir()
+            and not folder.name.startswith(".")
+            and _stands_in(exports, folder)
+            and whole(folder)
+        ):
             size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
-            for kind, name in (("bundle", f"{folder.name}.zip"), ("restore", f"{folder.name}-restore.zip")):
-                yield Download(name=name, path=folder, kind=kind, size_bytes=size, group=folder.name)  # type: ignore[arg-type]
+            for kind, name in (
+                ("bundle", f"{folder.name}.zip"),
+                ("restore", f"{folder.name}-restore.zip"),
+            ):
+                yield Download(
+                    name=name,
+                    path=folder,
+                    kind=kind,  # type: ignore[arg-type]
+                    size_bytes=size,
+                    group=folder.name,
+                )
 
 
 def _exported(folder: Path) -> list[Path]:
@@ -54,7 +82,11 @@ def _exported(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
     found: list[Path] = []
-    for each in sorted(inner for inner in folder.iterdir() if inner.is_dir() and not inner.name.startswith(".")):
-        files = sorted(path for path in each.iterdir() if path.is_file() and not path.name.startswith("."))
+    for each in sorted(
+        inner for inner in folder.iterdir() if inner.is_dir() and not inner.name.startswith(".")
+    ):
+        files = sorted(
+            path for path in each.iterdir() if path.is_file() and not path.name.startswith(".")
+        )
         found += files if whole(each) else [path for path in files if path.name == REFUSED]
     return found

@@ -82,7 +82,12 @@ class Listeners:
         """
         shown = open_listener(page.host, page.port, "page") if page.enabled else None
         try:
-            return cls(page=shown, metrics=open_listener(metrics.host, metrics.port, "metrics") if metrics.enabled else None)
+            return cls(
+                page=shown,
+                metrics=open_listener(metrics.host, metrics.port, "metrics")
+                if metrics.enabled
+                else None,
+            )
         except DeviceError:
             if shown is not None:
                 shown.close()
@@ -106,7 +111,8 @@ class Listeners:
 
 
 def open_listener(host: str, port: int, section: str) -> socket.socket:
-    """Return a listening socket; DeviceError where the address is taken or not this machine's. Port 0 takes any free one.
+    """Return a listening socket; DeviceError where the address is taken or not this machine's. Port
+    0 takes any free one.
 
     ``section`` is the part of the survey file that the address stands in.
     """
@@ -119,21 +125,28 @@ def open_listener(host: str, port: int, section: str) -> socket.socket:
     except OSError as why:
         listener.close()
         raise DeviceError(
-            f"{section}.host, {section}.port", expected=message("free-address", address=f"{host}:{port}"), found=system_words(why),
+            f"{section}.host, {section}.port",
+            expected=message("free-address", address=f"{host}:{port}"),
+            found=system_words(why),
             remedy=message("choose-other-port"),
-        ) from why  # fmt: skip
+        ) from why
     return listener
 
 
 @asynccontextmanager
-async def page_served(path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]) -> AsyncIterator[None]:
+async def page_served(
+    path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]
+) -> AsyncIterator[None]:
     """Serve the page of another account over a socket of the file system while the block runs; a
     new page takes over.
     """
     visits: set[asyncio.Task[None]] = set()
 
     async def welcome(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        caller = struct.unpack("3i", writer.get_extra_info("socket").getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[1]
+        caller = struct.unpack(
+            "3i",
+            writer.get_extra_info("socket").getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12),
+        )[1]
         if caller != account:
             _log.error("page-stranger", account=caller, expected=account)
             writer.transport.abort()
@@ -163,7 +176,10 @@ async def page_served(path: Path, account: int, source: StatusSource, figures: C
 
 @asynccontextmanager
 async def page_kept(
-    source: StatusSource, settings: PageSettings, listeners: Listeners, figures: Callable[[], Figures] | None = None
+    source: StatusSource,
+    settings: PageSettings,
+    listeners: Listeners,
+    figures: Callable[[], Figures] | None = None,
 ) -> AsyncIterator[None]:
     """Keep the page's process while the block runs; the listeners are closed at its end."""
     keeper = PageKeeper(source, settings, listeners, figures)
@@ -181,7 +197,11 @@ class PageKeeper:
     """Restarts the page's process after each end, and serves it over its pipes."""
 
     def __init__(
-        self, source: StatusSource, settings: PageSettings, listeners: Listeners, figures: Callable[[], Figures] | None = None
+        self,
+        source: StatusSource,
+        settings: PageSettings,
+        listeners: Listeners,
+        figures: Callable[[], Figures] | None = None,
     ) -> None:
         self._source = source
         self._settings = settings
@@ -210,17 +230,26 @@ class PageKeeper:
         with ours, theirs:
             try:
                 child = await asyncio.create_subprocess_exec(
-                    sys.executable, "-P", "-m", "stepdiag.page.process", *self._listeners.descriptors,
-                    stdin=theirs.fileno(), stdout=theirs.fileno(), stderr=PIPE, pass_fds=self._listeners.open,
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "stepdiag.page.process",
+                    *self._listeners.descriptors,
+                    stdin=theirs.fileno(),
+                    stdout=theirs.fileno(),
+                    stderr=PIPE,
+                    pass_fds=self._listeners.open,
                     env={name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
-                )  # fmt: skip
+                )
             except OSError as error:
                 return str(error)
             theirs.close()
             return await self._serve(child, ours)
 
     async def _serve(self, child: asyncio.subprocess.Process, ours: socket.socket) -> str:
-        reader, writer = await asyncio.open_connection(sock=ours, limit=LONGEST_REQUEST + LENGTH_BYTES)
+        reader, writer = await asyncio.open_connection(
+            sock=ours, limit=LONGEST_REQUEST + LENGTH_BYTES
+        )
         line = _Line(writer.transport)
         words = asyncio.create_task(_last_words(child), name="page's last words")
         visit = _Visit(self._source, line, self._figures)
@@ -268,7 +297,9 @@ class _Line:
 class _Visit:
     """A life of the page's process: its requests, and its pictures while it has viewers."""
 
-    def __init__(self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None) -> None:
+    def __init__(
+        self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None
+    ) -> None:
         self._source = source
         self._line = line
         self._figures = figures
@@ -344,7 +375,13 @@ class _Visit:
         if self._line.clear:
             result = self._source.result_file()
             folder = self._source.folder()
-            self._line.send(Picture(snapshot=snapshot, folder=str(folder), result="" if result is None else str(result)))
+            self._line.send(
+                Picture(
+                    snapshot=snapshot,
+                    folder=str(folder),
+                    result="" if result is None else str(result),
+                )
+            )
         return snapshot.sequence
 
 

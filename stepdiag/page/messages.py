@@ -37,7 +37,8 @@ class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The present state; ``folder`` holds the files that may be fetched, ``result`` is the result's file or empty."""
+    """The present state; ``folder`` holds the files that may be fetched, ``result`` is the result's
+    file or empty."""
 
     snapshot: Snapshot
     folder: str
@@ -93,14 +94,17 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The page is served; ``open`` names what the kernel could not shut (`stepdiag.walls.confine`)."""
+    """The page is served; ``open`` names what the kernel could not shut
+    (`stepdiag.walls.confine`)."""
 
     open: tuple[str, ...]
 
 
 Incoming = Picture | Answer | Counted
 Request = Watch | Order | Count | Guesses | Fault | Ready
-_encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: str(value) if isinstance(value, Path) else value)
+_encoder = msgspec.msgpack.Encoder(
+    enc_hook=lambda value: str(value) if isinstance(value, Path) else value
+)
 incoming_decoder = msgspec.msgpack.Decoder(Incoming)
 request_decoder = msgspec.msgpack.Decoder(Request)
 settings_decoder = msgspec.msgpack.Decoder(PageSettings)

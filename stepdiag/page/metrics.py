@@ -1,4 +1,5 @@
-"""The daemon's figures for Prometheus: made when they are asked for, so that they cost nothing otherwise."""
+"""The daemon's figures for Prometheus: made when they are asked for, so that they cost nothing
+otherwise."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 
@@ -47,14 +48,22 @@ class _Daemon(Collector):
 def _counted(now: Figures) -> Iterator[Metric]:
     yield CounterMetricFamily("stepdiag_samples", "Laser samples recorded.", value=now.samples)
     yield CounterMetricFamily("stepdiag_stops", "Stops captured.", value=now.tally.stops)
-    yield CounterMetricFamily("stepdiag_lost_events", "Events that could not be recorded.", value=now.lost_events)
-    yield _labelled("findings", "Findings while recording, by code.", "code", explanations(), now.tally.findings)
+    yield CounterMetricFamily(
+        "stepdiag_lost_events", "Events that could not be recorded.", value=now.lost_events
+    )
+    yield _labelled(
+        "findings", "Findings while recording, by code.", "code", explanations(), now.tally.findings
+    )
     known = map(str, (0, *EXIT_CODES.values()))
     ended = {str(exit_code): count for exit_code, count in now.tally.surveys.items()}
-    yield _labelled("surveys", "Surveys handed to the solver, by its exit code.", "exit_code", known, ended)
+    yield _labelled(
+        "surveys", "Surveys handed to the solver, by its exit code.", "exit_code", known, ended
+    )
 
 
-def _labelled(name: str, text: str, label: str, known: Iterable[str], counted: Mapping[str, int]) -> Metric:
+def _labelled(
+    name: str, text: str, label: str, known: Iterable[str], counted: Mapping[str, int]
+) -> Metric:
     """Return a counter with every known label, at 0 from the start: a series that begins at 1 has
     no increase in Prometheus.
     """
@@ -65,8 +74,12 @@ def _labelled(name: str, text: str, label: str, known: Iterable[str], counted: M
 
 
 def _links(now: Figures) -> Iterator[Metric]:
-    states = GaugeMetricFamily("stepdiag_link_state", "1 for the state that a link is in.", labels=["link", "state"])
-    ages = GaugeMetricFamily("stepdiag_link_age_seconds", "Time since a link last gave anything.", labels=["link"])
+    states = GaugeMetricFamily(
+        "stepdiag_link_state", "1 for the state that a link is in.", labels=["link", "state"]
+    )
+    ages = GaugeMetricFamily(
+        "stepdiag_link_age_seconds", "Time since a link last gave anything.", labels=["link"]
+    )
     for name, link in now.links.items():
         for state in LINK_STATES:
             states.add_metric([name, state], float(link.state == state))
@@ -82,9 +95,15 @@ def _health(now: Figures) -> Iterator[Metric]:
         "recorder_blocked": ("1 while the disk refuses.", float(now.recorder_blocked)),
         "backlog_bytes": ("What waits for the disk.", float(now.backlog_bytes)),
         "disk_free_bytes": ("Space left where the logs go.", float(now.disk_free_bytes)),
-        "watchdog_age_seconds": ("Time since every worker was last seen alive.", now.watchdog_age_s),
+        "watchdog_age_seconds": (
+            "Time since every worker was last seen alive.",
+            now.watchdog_age_s,
+        ),
     }
     if now.tally.solve_s is not None:
-        gauges["solve_seconds"] = ("How long the last finished survey took to solve and export.", now.tally.solve_s)
+        gauges["solve_seconds"] = (
+            "How long the last finished survey took to solve and export.",
+            now.tally.solve_s,
+        )
     for name, (text, value) in gauges.items():
         yield GaugeMetricFamily(f"stepdiag_{name}", text, value=value)

@@ -1,7 +1,9 @@
 """The page's process: serves page and metrics on given addresses, with the fewest rights.
 
-    python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none; started by `stepdiag.page.keeper`
-    stepdiag page FILE                               started by systemd, which hands over the sockets (sd_listen_fds(3))
+    python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none;
+    started by `stepdiag.page.keeper`
+    stepdiag page FILE                               started by systemd, which hands over the
+    sockets (sd_listen_fds(3))
 
 A single socket brings the daemon's data and takes its orders (`stepdiag.page.messages`): standard
 input and output, or a socket of the file system, if the unit has an account of its own.
@@ -63,7 +65,8 @@ def main(page: str, metrics: str) -> None:
 
 
 def serve_activated(survey_file: Path) -> None:
-    """Serve the addresses that systemd handed over, until the daemon closes its end. Raises DeviceError where no daemon records.
+    """Serve the addresses that systemd handed over, until the daemon closes its end. Raises
+    DeviceError where no daemon records.
 
     The secrets are credentials of this unit: the daemon has none of them.
     """
@@ -76,20 +79,27 @@ def serve_activated(survey_file: Path) -> None:
     line = _called(Path(os.environ[SOCKET]))
     asks = os.fdopen(os.dup(line.fileno()), "wb", buffering=0)
     os.set_blocking(asks.fileno(), False)
-    handed = {one.getsockname()[1]: one.detach() for one in (socket.socket(fileno=each) for each in _handed_over())}
-    page, metrics = (handed.get(each.port) if each.enabled else None for each in (survey.page, survey.metrics))
+    handed = {
+        one.getsockname()[1]: one.detach()
+        for one in (socket.socket(fileno=each) for each in _handed_over())
+    }
+    page, metrics = (
+        handed.get(each.port) if each.enabled else None for each in (survey.page, survey.metrics)
+    )
     _run(os.fdopen(line.detach(), "rb", buffering=0), asks, settings, page, metrics)
 
 
 def _handed_over() -> range:
-    """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): from 3 on, for this process alone."""
+    """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): from 3 on,
+    for this process alone."""
     if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return range(0)
     return range(FIRST_HANDED, FIRST_HANDED + int(os.environ.get("LISTEN_FDS", "0")))
 
 
 def _called(path: Path) -> socket.socket:
-    """Return a connection to the daemon, which may be starting. Raises DeviceError where none takes it in `PATIENCE_S`."""
+    """Return a connection to the daemon, which may be starting. Raises DeviceError where none takes
+    it in `PATIENCE_S`."""
     end = time.monotonic() + PATIENCE_S
     while True:
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -98,20 +108,26 @@ def _called(path: Path) -> socket.socket:
         except OSError as error:
             line.close()
             if time.monotonic() > end:
-                raise DeviceError(str(path), expected=message("recorder-to-call"), found=system_words(error)) from error
+                raise DeviceError(
+                    str(path), expected=message("recorder-to-call"), found=system_words(error)
+                ) from error
             time.sleep(AGAIN_S)
         else:
             return line
 
 
-def _run(hears: BinaryIO, asks: BinaryIO, settings: PageSettings, page: int | None, metrics: int | None) -> None:
+def _run(
+    hears: BinaryIO, asks: BinaryIO, settings: PageSettings, page: int | None, metrics: int | None
+) -> None:
     daemon = RemoteDaemon(asks)
     servers = []
     if page is not None:
         shown = Page(daemon, settings)
         daemon.on_picture = lambda picture: shown.broadcaster.show(picture.snapshot)
         daemon.on_end = shown.broadcaster.close
-        servers.append((_server(create_app(shown, daemon, settings), settings), CappedListener(page)))
+        servers.append(
+            (_server(create_app(shown, daemon, settings), settings), CappedListener(page))
+        )
     if metrics is not None:
         servers.append((_server(create_metrics(daemon.figures)), CappedListener(metrics)))
     mimetypes.init()  # reads /etc
@@ -154,10 +170,15 @@ def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Ser
 
 
 async def _serve(
-    daemon: RemoteDaemon, hears: BinaryIO, servers: Sequence[tuple[uvicorn.Server, CappedListener]], still_open: Sequence[str]
+    daemon: RemoteDaemon,
+    hears: BinaryIO,
+    servers: Sequence[tuple[uvicorn.Server, CappedListener]],
+    still_open: Sequence[str],
 ) -> None:
     current_default_thread_limiter().total_tokens = THREADS
-    asyncio.get_running_loop().set_exception_handler(lambda _, context: daemon.say_fault(context.get("exception") or context["message"]))
+    asyncio.get_running_loop().set_exception_handler(
+        lambda _, context: daemon.say_fault(context.get("exception") or context["message"])
+    )
     tasks = [asyncio.create_task(server.serve(sockets=[listener])) for server, listener in servers]
     daemon.say_ready(tuple(still_open))
     hearing = asyncio.create_task(daemon.hear(hears))

@@ -106,7 +106,9 @@ class RemoteDaemon:
         DeviceError for a silent daemon.
         """
         number = next(self._numbers)
-        answer = await self._answer(number, Order(number=number, name=name, arguments=arguments, address=address))
+        answer = await self._answer(
+            number, Order(number=number, name=name, arguments=arguments, address=address)
+        )
         assert isinstance(answer, Answer)
         return answer.refusal
 

@@ -24,7 +24,8 @@ REPORT_POLICY = (
     "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; img-src data:; "
     "script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 )
-"""A report is a document of its own: it may turn its drawings, but neither reach the page nor the daemon."""
+"""A report is a document of its own: it may turn its drawings, but neither reach the page nor the
+daemon."""
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -85,14 +86,22 @@ class Guard:
         if not is_known_host(host, str(called[0]), self._names):
             return refused(421, message("page-other-name"))
         origin = headers.get("origin")
-        if scope["method"] not in ("GET", "HEAD") and origin not in (f"http://{host}", f"https://{host}"):
+        if scope["method"] not in ("GET", "HEAD") and origin not in (
+            f"http://{host}",
+            f"https://{host}",
+        ):
             return refused(403, message("page-other-origin", host=host))
         return None
 
 
 def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
-    """Return whether a ``Host`` header names this computer; ``called`` is the address at which the connection arrived."""
-    name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() and host.rpartition(":")[1] else host
+    """Return whether a ``Host`` header names this computer; ``called`` is the address at which the
+    connection arrived."""
+    name = (
+        host.rpartition(":")[0]
+        if host.rpartition(":")[2].isdigit() and host.rpartition(":")[1]
+        else host
+    )
     name = name.strip("[]").lower().rstrip(".")
     if name == "localhost" or name in names:
         return True
@@ -104,7 +113,8 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
 
 
 class Guesses:
-    """Wrong secrets by the address that they came from. ``on_guesses`` gets an address and its count at ten and at each ten times."""
+    """Wrong secrets by the address that they came from. ``on_guesses`` gets an address and its
+    count at ten and at each ten times."""
 
     def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
         self._on_guesses = on_guesses
@@ -142,12 +152,17 @@ class Access:
         return bool(self._token)
 
     async def commands(self, request: Request) -> bool:
-        """Return whether the request carries the token, percent-encoded since a header holds no other letters than ASCII.
+        """Return whether the request carries the token, percent-encoded since a header holds no
+        other letters than ASCII.
 
         False where none is configured.
         """
         scheme, _, given = request.headers.get("authorization", "").partition(" ")
-        return bool(self._token) and scheme.lower() == "bearer" and await self.is_token(request, unquote(given))
+        return (
+            bool(self._token)
+            and scheme.lower() == "bearer"
+            and await self.is_token(request, unquote(given))
+        )
 
     async def is_token(self, request: Request, given: str) -> bool:
         """Return whether the token is right, compared in constant time; a wrong token is counted
@@ -162,7 +177,11 @@ class Access:
 
     async def reads(self, request: Request) -> bool:
         """Return whether files may be fetched: by everybody where no token is configured."""
-        return not self._token or request.cookies.get(COOKIE) in self._sessions or await self.commands(request)
+        return (
+            not self._token
+            or request.cookies.get(COOKIE) in self._sessions
+            or await self.commands(request)
+        )
 
     def remember(self, request: Request, answer: Response) -> None:
         """Let the browser fetch files from now on."""
@@ -170,7 +189,9 @@ class Access:
         self._sessions[session] = None
         if len(self._sessions) > MOST_SESSIONS:
             self._sessions.popitem(last=False)
-        answer.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+        answer.set_cookie(
+            COOKIE, session, httponly=True, samesite="strict", secure=request.url.scheme == "https"
+        )
 
 
 def address_of(request: HTTPConnection) -> str:
@@ -179,5 +200,6 @@ def address_of(request: HTTPConnection) -> str:
 
 
 def refused(status: int, why: Words) -> Response:
-    """Return a refusal in words: ``error`` for a program, ``words`` for the user, in every language."""
+    """Return a refusal in words: ``error`` for a program, ``words`` for the user, in every
+    language."""
     return JSONResponse({"error": str(why), "words": in_every_language(why)}, status_code=status)

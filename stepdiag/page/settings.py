@@ -38,7 +38,9 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
     if certificate is not None and key is not None:
         _refuse_no_certificate(certificate, key, survey_file.name)
     folder = survey.folder(survey_file).resolve()
-    with suppress(OSError):  # the daemon says why, in its turn; the page is shut out of what is not there when it starts
+    with suppress(
+        OSError
+    ):  # the daemon says why, in its turn; the page is shut out of what is not there when it starts
         folder.mkdir(parents=True, exist_ok=True)
     return PageSettings(
         folder=str(folder),
@@ -51,7 +53,8 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
 
 
 def in_the_clear(page: Page, settings: PageSettings) -> bool:
-    """Return whether others than this computer can reach the page, and what they send can be read on the way."""
+    """Return whether others than this computer can reach the page, and what they send can be read
+    on the way."""
     return not settings.certificate and not is_loopback(page.host)
 
 
@@ -64,7 +67,8 @@ def is_loopback(host: str) -> bool:
 
 
 def _file(survey_file: Path, credential: str, named: str) -> Path | None:
-    """Return the file of a credential: the service's own comes first; None where there is neither."""
+    """Return the file of a credential: the service's own comes first; None where there is
+    neither."""
     given = _credential(credential)
     if given is not None and given.is_file():
         return given
@@ -73,7 +77,11 @@ def _file(survey_file: Path, credential: str, named: str) -> Path | None:
 
 def _credential(name: str) -> Path | None:
     """Return where the service has a credential of this name; None outside a service."""
-    return Path(os.environ["CREDENTIALS_DIRECTORY"]) / name if "CREDENTIALS_DIRECTORY" in os.environ else None
+    return (
+        Path(os.environ["CREDENTIALS_DIRECTORY"]) / name
+        if "CREDENTIALS_DIRECTORY" in os.environ
+        else None
+    )
 
 
 def secret_file(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
@@ -87,35 +95,48 @@ def secret_file(survey_file: Path, credential: str, named: str, field: str) -> P
         mode = stat.S_IMODE(path.stat().st_mode)
     except OSError as error:
         raise UsageError(
-            f"{survey_file.name}: {field}", expected=message("readable-file-of", name=named), found=system_words(error)
+            f"{survey_file.name}: {field}",
+            expected=message("readable-file-of", name=named),
+            found=system_words(error),
         ) from error
     if mode & 0o077:
         raise UsageError(
-            f"{survey_file.name}: {field}", expected=message("owner-only-file", name=named), found=message("file-mode", mode=f"{mode:o}")
+            f"{survey_file.name}: {field}",
+            expected=message("owner-only-file", name=named),
+            found=message("file-mode", mode=f"{mode:o}"),
         )
     return path
 
 
 def secret(survey_file: Path, credential: str, named: str, field: str) -> str:
-    """Return a secret of one line, empty where none is given. Raises UsageError as `secret_file` does, and for what is no line."""
+    """Return a secret of one line, empty where none is given. Raises UsageError as `secret_file`
+    does, and for what is no line."""
     path = secret_file(survey_file, credential, named, field)
     if path is None:
         return ""
-    text = as_text(read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError).removesuffix("\n")
+    text = as_text(
+        read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError
+    ).removesuffix("\n")
     if not text or not text.isprintable():
         raise UsageError(
-            f"{survey_file.name}: {field}", expected=message("one-printable-line", name=path.name), found=message("something-else")
+            f"{survey_file.name}: {field}",
+            expected=message("one-printable-line", name=path.name),
+            found=message("something-else"),
         )
     return text
 
 
 def _token_in(path: Path) -> str:
-    token = as_text(read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError).strip()
+    token = as_text(
+        read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError
+    ).strip()
     if len(token) < SHORTEST_TOKEN or not token.isprintable():
         raise UsageError(
-            path.name, expected=message("token-of-characters", count=SHORTEST_TOKEN), found=str(len(token)),
+            path.name,
+            expected=message("token-of-characters", count=SHORTEST_TOKEN),
+            found=str(len(token)),
             remedy=f"head -c 18 /dev/urandom | base64 > {path.name}",
-        )  # fmt: skip
+        )
     return token
 
 
@@ -123,4 +144,8 @@ def _refuse_no_certificate(certificate: Path, key: Path, source: str) -> None:
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
-        raise UsageError(f"{source}: page.certificate, page.key", expected=message("certificate-and-key"), found=str(error)) from error
+        raise UsageError(
+            f"{source}: page.certificate, page.key",
+            expected=message("certificate-and-key"),
+            found=str(error),
+        ) from error

@@ -1,7 +1,7 @@
 """The stage of the work, and its most important sentence now: set up, align, drive, trouble, done.
 
-A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list holds sentences of its own. The browser puts
-them into the words of the language chosen there.
+A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list
+holds sentences of its own. The browser puts them into the words of the language chosen there.
 """
 
 from dataclasses import dataclass, field
@@ -40,7 +40,8 @@ class Headline:
 
 
 def headline(now: Snapshot) -> Headline:
-    """Return the stage and the sentence of a snapshot: what blocks the survey comes before what is next."""
+    """Return the stage and the sentence of a snapshot: what blocks the survey comes before what is
+    next."""
     return _trouble(now) or _quiet(now)
 
 
@@ -51,7 +52,11 @@ def is_running(now: Snapshot) -> bool:
 
 def _trouble(now: Snapshot) -> Headline | None:
     """Return the trouble that a person must look at at once; None where there is none."""
-    for link, state in (("laser", now.laser.state), ("plc", now.plc.state), ("head", now.head.state if now.head else "connected")):
+    for link, state in (
+        ("laser", now.laser.state),
+        ("plc", now.plc.state),
+        ("head", now.head.state if now.head else "connected"),
+    ):
         if state in GONE:
             return _alarm(f"alarm_{link}", Say(f"do_{link}"))
     if now.alarm:
@@ -71,11 +76,15 @@ def _trouble(now: Snapshot) -> Headline | None:
             return _alarm("alarm_beam", Say("do_beam"))
         if not now.recording:
             return _alarm("not_recording", Say("do_recording"))
-    again = None if is_running(now) or now.phase in ("paused", "solving", "complete") else _again(now)
+    again = (
+        None if is_running(now) or now.phase in ("paused", "solving", "complete") else _again(now)
+    )
     return None if again is None else _repeat(now, again)
 
 
-def _alarm(key: str, advice: Say, values: "dict[str, str | int | list[Say]] | None" = None) -> Headline:
+def _alarm(
+    key: str, advice: Say, values: "dict[str, str | int | list[Say]] | None" = None
+) -> Headline:
     return Headline(stage="trouble", alarm=True, lead=Say(key, values or {}), advice=advice)
 
 
@@ -85,8 +94,13 @@ def _again(now: Snapshot) -> DriveStatus | None:
 
 
 def _repeat(now: Snapshot, drive: DriveStatus) -> Headline:
-    """Return what to repeat. Nothing is burning any more: the stage is trouble, the page is not in alarm."""
-    return Headline(stage="trouble", lead=_repeated(drive), advice=Say("do_again", {"program": [_program(now, drive.setup)]}))
+    """Return what to repeat. Nothing is burning any more: the stage is trouble, the page is not in
+    alarm."""
+    return Headline(
+        stage="trouble",
+        lead=_repeated(drive),
+        advice=Say("do_again", {"program": [_program(now, drive.setup)]}),
+    )
 
 
 def _repeated(drive: DriveStatus) -> Say:
@@ -100,22 +114,38 @@ def _quiet(now: Snapshot) -> Headline:
     if is_running(now):
         return _underway(now)
     if now.phase == "paused":
-        return Headline(stage="set-up", lead=Say("phase_paused"), advice=Say("do_paused"), watching=Say("do_paused_watching"))
+        return Headline(
+            stage="set-up",
+            lead=Say("phase_paused"),
+            advice=Say("do_paused"),
+            watching=Say("do_paused_watching"),
+        )
     if now.phase == "starting":
         return Headline(stage="set-up", lead=Say("phase_starting"), advice=Say("do_starting"))
     aligned = not now.beam_lost and (now.beam is None or now.beam >= WEAK)
     watching = None if now.expects_setup else Say("do_any_watching")
-    return Headline(stage="align" if aligned else "set-up", lead=_prepare(now, aligned=aligned), advice=_set_up(now), watching=watching)
+    return Headline(
+        stage="align" if aligned else "set-up",
+        lead=_prepare(now, aligned=aligned),
+        advice=_set_up(now),
+        watching=watching,
+    )
 
 
 def _underway(now: Snapshot) -> Headline:
     """Return the driven pass, and the passes that the standing setup still lacks: the operator
     needs both before taking the setup down.
     """
-    owed = next((drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup), None)
+    owed = next(
+        (drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup), None
+    )
     if owed is None:
         return Headline(stage="drive", lead=_driving(now), advice=_way(now))
-    return Headline(stage="trouble", lead=_driving(now), advice=Say("do_running_owed", {"way": [_way(now)], "again": [_repeated(owed)]}))
+    return Headline(
+        stage="trouble",
+        lead=_driving(now),
+        advice=Say("do_running_owed", {"way": [_way(now)], "again": [_repeated(owed)]}),
+    )
 
 
 def _driving(now: Snapshot) -> Say:
@@ -124,7 +154,10 @@ def _driving(now: Snapshot) -> Say:
 
 
 def _way(now: Snapshot) -> Say:
-    values: dict[str, str | int | list[Say]] = {"setup": now.expects_setup, "pass": now.expects_pass}
+    values: dict[str, str | int | list[Say]] = {
+        "setup": now.expects_setup,
+        "pass": now.expects_pass,
+    }
     if now.moving_axis:
         return Say("do_running_axis", {**values, "axis": now.moving_axis.upper()})
     return Say("do_running", values)
@@ -139,7 +172,8 @@ def _prepare(now: Snapshot, *, aligned: bool) -> Say:
 
 
 def _set_up(now: Snapshot) -> Say:
-    """Return the next hand on the set-up: which way the laser looks, what is mounted, which program is started."""
+    """Return the next hand on the set-up: which way the laser looks, what is mounted, which program
+    is started."""
     setup = now.expects_setup
     if not setup:
         return Say("do_any")
@@ -147,7 +181,10 @@ def _set_up(now: Snapshot) -> Say:
     values: dict[str, str | int | list[Say]] = {"program": [_program(now, setup)]}
     if travel.axis:
         return Say(f"do_{travel.kind}", {**values, "axis": travel.axis.upper()})
-    corner = [Say("corner_low" if sign == "p" else "corner_high", {"axis": name}) for sign, name in zip(travel.base, "XYZ", strict=True)]
+    corner = [
+        Say("corner_low" if sign == "p" else "corner_high", {"axis": name})
+        for sign, name in zip(travel.base, "XYZ", strict=True)
+    ]
     return Say("do_body", {**values, "diagonal": travel.base, "corner": corner})
 
 

@@ -1,6 +1,8 @@
-"""A snapshot as the browser gets it: two events, what changes with a stop or a setup, and what goes out with every picture.
+"""A snapshot as the browser gets it: two events, what changes with a stop or a setup, and what goes
+out with every picture.
 
-Pure: a snapshot in, plain data out. Sentences of the daemon come in every language, places in the volume in mm; the browser only shows.
+Pure: a snapshot in, plain data out. Sentences of the daemon come in every language, places in the
+volume in mm; the browser only shows.
 """
 
 from collections.abc import Sequence
@@ -36,7 +38,9 @@ SLOW_FIELDS = (
 SEVERITIES = ("info", "warning", "error")
 SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
 """Parts that the browser gets in another form than the daemon's."""
-FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in SHAPED)
+FAST_FIELDS = tuple(
+    name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in SHAPED
+)
 
 
 def survey_view(now: Snapshot) -> dict[str, Any]:
@@ -68,7 +72,11 @@ def now_view(now: Snapshot) -> dict[str, Any]:
 
 
 def _setup(one: SetupStatus) -> dict[str, Any]:
-    return {**msgspec.to_builtins(one), "reason": in_every_language(one.reason), "doubt": in_every_language(one.doubt)}
+    return {
+        **msgspec.to_builtins(one),
+        "reason": in_every_language(one.reason),
+        "doubt": in_every_language(one.doubt),
+    }
 
 
 def _stop(one: StopStatus) -> dict[str, Any]:
@@ -76,13 +84,19 @@ def _stop(one: StopStatus) -> dict[str, Any]:
 
 
 def _link(one: LinkStatus | None) -> dict[str, Any] | None:
-    return None if one is None else {**msgspec.to_builtins(one), "detail": in_every_language(one.detail)}
+    return (
+        None
+        if one is None
+        else {**msgspec.to_builtins(one), "detail": in_every_language(one.detail)}
+    )
 
 
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
-    """Return one entry a cause: code, severity, how often, open or past, and per language its sentence and what to do.
+    """Return one entry a cause: code, severity, how often, open or past, and per language its
+    sentence and what to do.
 
-    Findings are given in the order in which they arose. Errors come before warnings, open ones before past ones, new ones before old ones.
+    Findings are given in the order in which they arose. Errors come before warnings, open ones
+    before past ones, new ones before old ones.
     """
     groups: dict[tuple[str, ...], list[FindingStatus]] = {}
     for one in findings:
@@ -90,7 +104,9 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
         key = (one.state, one.code, stream, _place(one)[0])
         groups[key] = [*groups.pop(key, []), one]
     entries = [_entry(members) for members in reversed(groups.values())]
-    return sorted(entries, key=lambda entry: (-SEVERITIES.index(entry["severity"]), entry["state"] != "open"))
+    return sorted(
+        entries, key=lambda entry: (-SEVERITIES.index(entry["severity"]), entry["state"] != "open")
+    )
 
 
 def _place(one: FindingStatus) -> tuple[str, int | None]:
@@ -106,4 +122,11 @@ def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
     places = sorted({one.place for one in members if one.place})
     about = {"state": last.state, "places": places, "word": last.word}
-    return {"code": last.code, "severity": severity, "times": len(members), "sentence": sentence, "advice": todo, **about}
+    return {
+        "code": last.code,
+        "severity": severity,
+        "times": len(members),
+        "sentence": sentence,
+        "advice": todo,
+        **about,
+    }

@@ -1,4 +1,5 @@
-"""The messages, each a JSON object of a schema of its own, made from what stands in the survey's folder; nothing there is changed."""
+"""The messages, each a JSON object of a schema of its own, made from what stands in the survey's
+folder; nothing there is changed."""
 
 import hashlib
 from collections.abc import Iterator
@@ -122,13 +123,24 @@ def schemas() -> dict[str, Any]:
 
 
 def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> str:
-    """Return where a message is published: PREFIX/MACHINE/SURVEY/WHAT, names percent-encoded, since ``/``, ``+`` and ``#`` part topics."""
-    what = _name_of(message if isinstance(message, type) else type(message)).removeprefix("stepdiag-")
-    return "/".join((prefix, quote(survey.identity.machine, safe=" "), quote(survey.identity.name, safe=" "), what))
+    """Return where a message is published: PREFIX/MACHINE/SURVEY/WHAT, names percent-encoded, since
+    ``/``, ``+`` and ``#`` part topics."""
+    what = _name_of(message if isinstance(message, type) else type(message)).removeprefix(
+        "stepdiag-"
+    )
+    return "/".join(
+        (
+            prefix,
+            quote(survey.identity.machine, safe=" "),
+            quote(survey.identity.name, safe=" "),
+            what,
+        )
+    )
 
 
 class Watched:
-    """The folder of one survey: its messages now, a result read anew only where its file has changed."""
+    """The folder of one survey: its messages now, a result read anew only where its file has
+    changed."""
 
     def __init__(self, survey: Survey, folder: Path) -> None:
         self._survey, self.folder = survey, folder
@@ -150,17 +162,27 @@ class Watched:
         """
         last, published, damage, complete, live = None, None, "", False, None
         try:
-            live = live_in(self.folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
+            live = live_in(
+                self.folder
+                # not the lock: to ask for it could keep a daemon that starts right now from getting
+                # it
+            )
             rounds = round_folders(self.folder)
             last = rounds[-1] if rounds else None
-            complete = last is not None and (last / RESULT).is_file()  # a result that comes right now is one of the next look
+            complete = (
+                last is not None and (last / RESULT).is_file()
+            )  # a result that comes right now is one of the next look
             published = self._published_of(last) if last is not None and complete else None
-        except (StepdiagError, OSError) as error:  # a file cut off by somebody's copy, a share that is away
+        except (
+            StepdiagError,
+            OSError,
+        ) as error:  # a file cut off by somebody's copy, a share that is away
             damage = str(error)
         return (self._state(last, live, damage, complete=complete), *(published or ()))
 
     def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
-        """Yield findings and result of every round, oldest first; what cannot be read is left out."""
+        """Yield findings and result of every round, oldest first; what cannot be read is left
+        out."""
         rounds: list[Path] = []
         with suppress(OSError):
             rounds = round_folders(self.folder)
@@ -169,7 +191,9 @@ class Watched:
                 if (published := self._published_of(each)) is not None:
                     yield published
 
-    def _state(self, last: Path | None, live: LiveStatus | None, damage: str, *, complete: bool) -> State:
+    def _state(
+        self, last: Path | None, live: LiveStatus | None, damage: str, *, complete: bool
+    ) -> State:
         return State(
             machine=self._machine,
             survey=self._name,
@@ -193,7 +217,14 @@ class Watched:
         if known is None or known[0] != seen:
             name = f"{round_.name}/{RESULT}"
             text = read_text(path)
-            known = (seen, self._messages(parse_result(text, name), hashlib.sha256(text.encode("utf-8")).hexdigest(), round_.name))
+            known = (
+                seen,
+                self._messages(
+                    parse_result(text, name),
+                    hashlib.sha256(text.encode("utf-8")).hexdigest(),
+                    round_.name,
+                ),
+            )
             self._read[path] = known
         return known[1]
 
@@ -214,7 +245,9 @@ class Watched:
             rows=rows,
             conformity=tuple(msgspec.convert(asdict(one), Judged) for one in judged),
         )
-        return Findings(machine=self._machine, survey=self._name, round=round_, findings=findings), published
+        return Findings(
+            machine=self._machine, survey=self._name, round=round_, findings=findings
+        ), published
 
 
 def _name_of(kind: type[Message]) -> str:

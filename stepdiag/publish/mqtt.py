@@ -1,4 +1,5 @@
-"""To a broker by MQTT: retained messages at least once, sent when they change, and again after every new connection.
+"""To a broker by MQTT: retained messages at least once, sent when they change, and again after
+every new connection.
 
 An absent broker is tried again, ever more seldom; a refusing broker ends the program in words.
 Neither touches the recording, which runs in a process of its own without a view of this process.
@@ -25,14 +26,21 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Message, State, Watched, topic_of
 from stepdiag.publish.process import stand_back, stopped_by_signal
 
-REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad user name or password", "Not authorized", "Banned"}
+REFUSALS = {
+    "Unsupported protocol version",
+    "Client identifier not valid",
+    "Bad user name or password",
+    "Not authorized",
+    "Banned",
+}
 """Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
 ANSWER_S = 10.0
 """Longest time for an answer of a broker in s."""
 QOS = 1
 LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
-"""Bytes of one packet, and of all between two looks at the survey: nothing is subscribed to, so a broker only acknowledges."""
+"""Bytes of one packet, and of all between two looks at the survey: nothing is subscribed to, so a
+broker only acknowledges."""
 PATIENCE_S = 5.0
 """Longest time for the last message at the end of the program, in s."""
 
@@ -58,7 +66,9 @@ class Broker:
         return f"{self.host}:{self.port}"
 
 
-def publish(watched: Watched, survey: Survey, broker: Broker, *, prefix: str, every_s: float, once: bool) -> None:
+def publish(
+    watched: Watched, survey: Survey, broker: Broker, *, prefix: str, every_s: float, once: bool
+) -> None:
     """Send until SIGTERM or SIGINT, or everything once.
 
     Raises DeviceError for a refusing broker, with ``once`` also for an absent broker, and
@@ -68,7 +78,9 @@ def publish(watched: Watched, survey: Survey, broker: Broker, *, prefix: str, ev
 
 
 class _Publisher:
-    def __init__(self, watched: Watched, survey: Survey, broker: Broker, prefix: str, every_s: float) -> None:
+    def __init__(
+        self, watched: Watched, survey: Survey, broker: Broker, prefix: str, every_s: float
+    ) -> None:
         self._watched, self._broker, self._every_s = watched, broker, every_s
         self._topic: Callable[[Message], str] = lambda message: topic_of(message, survey, prefix)
         self._tls = _context(broker)
@@ -79,7 +91,10 @@ class _Publisher:
         """Send until the end; the last message does not wait for a slow broker."""
         self._stop = stopped_by_signal()
         stand_back(self._watched.folder, calls=self._broker.port)
-        sending, stopped = asyncio.create_task(self._run(once=once)), asyncio.create_task(self._stop.wait())
+        sending, stopped = (
+            asyncio.create_task(self._run(once=once)),
+            asyncio.create_task(self._stop.wait()),
+        )
         await asyncio.wait({sending, stopped}, return_when=asyncio.FIRST_COMPLETED)
         stopped.cancel()
         await asyncio.wait({sending}, timeout=PATIENCE_S)
@@ -100,7 +115,12 @@ class _Publisher:
             except (aiomqtt.MqttError, MemoryError) as error:
                 client.let_go()
                 self._judge(error, once=once)
-                _log.warning("broker-away", address=self._broker.address, reason=str(error), next_try_s=wait_s)
+                _log.warning(
+                    "broker-away",
+                    address=self._broker.address,
+                    reason=str(error),
+                    next_try_s=wait_s,
+                )
                 with suppress(TimeoutError):
                     await asyncio.wait_for(self._stop.wait(), wait_s)
                 wait_s = min(2 * wait_s, LONGEST_WAIT_S)
@@ -109,19 +129,28 @@ class _Publisher:
         will = self._watched.online(online=False)
         broker = self._broker
         return _Client(
-            broker.host, broker.port, username=broker.user, password=broker.password, tls_context=self._tls, timeout=ANSWER_S, keepalive=20,
+            broker.host,
+            broker.port,
+            username=broker.user,
+            password=broker.password,
+            tls_context=self._tls,
+            timeout=ANSWER_S,
+            keepalive=20,
             will=aiomqtt.Will(self._topic(will), msgspec.json.encode(will), qos=QOS, retain=True),
-        )  # fmt: skip
+        )
 
     async def _send(self, client: "_Client", *, once: bool) -> None:
-        """Send what is new, look again after a while; a connection that is lost raises at once, not with the next message."""
+        """Send what is new, look again after a while; a connection that is lost raises at once, not
+        with the next message."""
         sent: dict[str, bytes] = {}
         if once:
             state, *others = self._watched.now()
             for topic in (state, *others):
                 await self._put(client, topic, sent)
             if isinstance(state, State) and state.damage:  # nobody looks again
-                raise DataError(self._watched.name, expected=message("readable-result"), found=state.damage)
+                raise DataError(
+                    self._watched.name, expected=message("readable-result"), found=state.damage
+                )
             self._stop.set()
             return
         await self._put(client, self._watched.online(online=True), sent)
@@ -131,7 +160,9 @@ class _Publisher:
             while not self._stop.is_set():
                 client.heard = 0
                 await self._send_new(client, sent)
-                await asyncio.wait({lost, stopped}, timeout=self._every_s, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(
+                    {lost, stopped}, timeout=self._every_s, return_when=asyncio.FIRST_COMPLETED
+                )
                 if lost.done():
                     lost.result()
             await self._put(client, self._watched.online(online=False), sent)
@@ -160,8 +191,19 @@ class _Publisher:
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
         untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
         if refused or untrusted or once:
-            remedy = message("name-authority") if untrusted else message("see-broker-log") if refused else ""
-            raise DeviceError(self._broker.address, expected=message("willing-broker"), found=str(error), remedy=remedy)
+            remedy = (
+                message("name-authority")
+                if untrusted
+                else message("see-broker-log")
+                if refused
+                else ""
+            )
+            raise DeviceError(
+                self._broker.address,
+                expected=message("willing-broker"),
+                found=str(error),
+                remedy=remedy,
+            )
 
 
 class _Client(aiomqtt.Client):
@@ -175,7 +217,8 @@ class _Client(aiomqtt.Client):
         paho: Any = self._client
         self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
         paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
-        # the library binds its side to any port first, which the walls of this process shut (`stepdiag.walls.confine`)
+        # the library binds its side to any port first, which the walls of this process shut
+        # (`stepdiag.walls.confine`)
         paho._create_socket_connection = lambda: socket.create_connection(  # noqa: SLF001
             (paho.host, paho.port), timeout=paho.connect_timeout
         )
@@ -211,6 +254,10 @@ def _context(broker: Broker) -> ssl.SSLContext | None:
     if not broker.secure:
         return None
     try:
-        return ssl.create_default_context(cafile=None if broker.authority is None else str(broker.authority))
+        return ssl.create_default_context(
+            cafile=None if broker.authority is None else str(broker.authority)
+        )
     except OSError as error:  # ssl.SSLError is one
-        raise UsageError(str(broker.authority), expected=message("pem-certificates"), found=system_words(error)) from error
+        raise UsageError(
+            str(broker.authority), expected=message("pem-certificates"), found=system_words(error)
+        ) from error

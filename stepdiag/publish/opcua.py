@@ -1,7 +1,9 @@
-"""A server of OPC UA: results, state and findings of one survey (`stepdiag.publish.station`), for reading alone.
+"""A server of OPC UA: results, state and findings of one survey (`stepdiag.publish.station`), for
+reading alone.
 
-It stands on the public interface of asyncua. The library limits connections, messages and subscriptions; the walls of the process and its
-unit limit the rest (docs/security.md), so that a client can end this server and never the recording, which runs in another process.
+It stands on the public interface of asyncua. The library limits connections, messages and
+subscriptions; the walls of the process and its unit limit the rest (docs/security.md), so that a
+client can end this server and never the recording, which runs in another process.
 """
 
 import asyncio
@@ -61,7 +63,9 @@ def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: floa
     """Serve until SIGTERM or SIGINT. Raises DeviceError if the address cannot be opened, UsageError
     for an invalid certificate or key.
     """
-    logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it tells of every client that leaves early or asks for too much
+    logging.getLogger("asyncua").setLevel(
+        logging.CRITICAL
+    )  # it tells of every client that leaves early or asks for too much
     asyncio.run(_serve(watched, survey, endpoint, every_s))
 
 
@@ -72,7 +76,11 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
     try:
         await server.start()
     except OSError as error:
-        raise DeviceError(endpoint.url, expected=message("free-address", address=endpoint.url), found=system_words(error)) from error
+        raise DeviceError(
+            endpoint.url,
+            expected=message("free-address", address=endpoint.url),
+            found=system_words(error),
+        ) from error
     stand_back(watched.folder)
     _log.info("opcua-serves", address=endpoint.url)
     try:
@@ -85,22 +93,40 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
 
 
 async def _prepared(endpoint: Endpoint) -> Server:
-    """Return a server that is not started, with its security. Raises UsageError for certificate and key."""
+    """Return a server that is not started, with its security. Raises UsageError for certificate and
+    key."""
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     _limit(server)
-    # before the address space is built, which takes most of the start: a file that is wrong is refused at once
-    for path, load in ((endpoint.certificate, server.load_certificate), (endpoint.key, server.load_private_key)):
+    # before the address space is built, which takes most of the start: a file that is wrong is
+    # refused at once
+    for path, load in (
+        (endpoint.certificate, server.load_certificate),
+        (endpoint.key, server.load_private_key),
+    ):
         if path is not None:
             await _loaded(path, load)
-    if secure and server.iserver.certificate.public_key() != server.iserver.private_key.public_key():
-        raise UsageError(str(endpoint.key), expected=message("key-of", name=str(endpoint.certificate)), found=message("another-one"))
+    if (
+        secure
+        and server.iserver.certificate.public_key() != server.iserver.private_key.public_key()
+    ):
+        raise UsageError(
+            str(endpoint.key),
+            expected=message("key-of", name=str(endpoint.certificate)),
+            found=message("another-one"),
+        )
     await server.init()
     server.set_endpoint(endpoint.url)
     server.set_server_name("stepdiag")
-    policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt if secure else ua.SecurityPolicyType.NoSecurity
+    policy = (
+        ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
+        if secure
+        else ua.SecurityPolicyType.NoSecurity
+    )
     server.set_security_policy([policy])
-    server.set_identity_tokens([ua.AnonymousIdentityToken if endpoint.user is None else ua.UserNameIdentityToken])
+    server.set_identity_tokens(
+        [ua.AnonymousIdentityToken if endpoint.user is None else ua.UserNameIdentityToken]
+    )
     await server.set_application_uri(_uri_of(server.iserver.certificate) or "urn:stepdiag")
     return server
 
@@ -110,7 +136,10 @@ def _limit(server: Server) -> None:
     inner, wire = server.iserver, server.limits
     inner.max_connections, inner.max_pending_activation_seconds = MOST_CONNECTIONS, ACTIVATION_S
     inner.max_session_timeout_ms, inner.max_subscriptions = SESSION_S * 1e3, MOST_SUBSCRIPTIONS
-    inner.max_monitored_item_queue_size, inner.max_unacked_messages_per_subscription = LONGEST_QUEUE, MOST_UNACKNOWLEDGED
+    inner.max_monitored_item_queue_size, inner.max_unacked_messages_per_subscription = (
+        LONGEST_QUEUE,
+        MOST_UNACKNOWLEDGED,
+    )
     wire.max_message_size, wire.max_chunk_count = LONGEST_MESSAGE, 2 * LONGEST_MESSAGE // CHUNK
 
 
@@ -118,9 +147,18 @@ async def _loaded(path: Path, load: Callable[[Path], Any]) -> None:
     try:
         await load(path)
     except (OSError, ValueError, TypeError) as error:
-        why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
-        remedy = message("command-writes", command="openssl req -x509 .. -addext subjectAltName=URI:urn:NAME,DNS:HOST")
-        raise UsageError(str(path), expected=message("certificate-and-key"), found=why, remedy=remedy) from error
+        why = (
+            (error.strerror if isinstance(error, OSError) else None)
+            or str(error)
+            or type(error).__name__
+        )
+        remedy = message(
+            "command-writes",
+            command="openssl req -x509 .. -addext subjectAltName=URI:urn:NAME,DNS:HOST",
+        )
+        raise UsageError(
+            str(path), expected=message("certificate-and-key"), found=why, remedy=remedy
+        ) from error
 
 
 def _uri_of(certificate: Any) -> str:
@@ -148,9 +186,17 @@ class _Users:
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
         self._user, self._password, self._secure = user, password or "", secure
-        self._guesses = Guesses(lambda _, count: _log.warning("opcua-password-guessed", count=count))
+        self._guesses = Guesses(
+            lambda _, count: _log.warning("opcua-password-guessed", count=count)
+        )
 
-    def get_user(self, iserver: Any, username: str | None = None, password: Any = None, certificate: Any = None) -> User | None:  # noqa: ARG002
+    def get_user(
+        self,
+        iserver: Any,  # noqa: ARG002
+        username: str | None = None,
+        password: Any = None,
+        certificate: Any = None,
+    ) -> User | None:
         """Return the user of a name and a password, None if they are wrong, and for a client in the
         clear.
         """
@@ -159,10 +205,14 @@ class _Users:
         if self._user is None:
             return User(role=UserRole.User)
         given = password if isinstance(password, bytes) else str(password or "").encode()
-        right = hmac.compare_digest(str(username or "").encode(), self._user.encode()) & hmac.compare_digest(given, self._password.encode())
+        right = hmac.compare_digest(
+            str(username or "").encode(), self._user.encode()
+        ) & hmac.compare_digest(given, self._password.encode())
         if right:
             self._guesses.right("")
             return User(role=UserRole.User, name=username)
         self._guesses.wrong("")
-        time.sleep(DELAY_S)  # the whole server rests: two guesses a second, over however many connections
+        time.sleep(
+            DELAY_S
+        )  # the whole server rests: two guesses a second, over however many connections
         return None

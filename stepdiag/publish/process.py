@@ -30,7 +30,11 @@ def stand_back(folder: Path, *, calls: int = 0) -> None:
     own. Open parts of the walls stand in the journal.
     """
     os.nice(BEHIND)
-    allowed = [limit for limit in (MOST_MEMORY, *resource.getrlimit(resource.RLIMIT_DATA)) if limit != resource.RLIM_INFINITY]
+    allowed = [
+        limit
+        for limit in (MOST_MEMORY, *resource.getrlimit(resource.RLIMIT_DATA))
+        if limit != resource.RLIM_INFINITY
+    ]
     resource.setrlimit(resource.RLIMIT_DATA, (min(allowed), min(allowed)))
     still_open = confine_publisher((*readable_by_program(folder), *map(Path, NAMES)), calls=calls)
     _log.info("publish-confined", open=", ".join(still_open) or "nothing")

@@ -1,6 +1,8 @@
-"""When the figures of a machine leave their tolerances, by the rounds of its survey (`stepdiag.fleet.trend`).
+"""When the figures of a machine leave their tolerances, by the rounds of its survey
+(`stepdiag.fleet.trend`).
 
-The trend stands on the rows of the results themselves: a table of Arrow would reserve a gigabyte, which is all that this process has.
+The trend stands on the rows of the results themselves: a table of Arrow would reserve a gigabyte,
+which is all that this process has.
 """
 
 import math
@@ -22,7 +24,8 @@ from stepdiag.fleet.trend import Trend, trends_of
 
 
 def leavings(folder: Path, now: datetime) -> list[Trend]:
-    """Return the series with a day on which they leave the tolerance of the last result; a round that cannot be read is left out."""
+    """Return the series with a day on which they leave the tolerance of the last result; a round
+    that cannot be read is left out."""
     found = list(_results(folder))
     judged = found[-1][1].conformity if found else None
     if judged is None:
@@ -30,7 +33,9 @@ def leavings(folder: Path, now: datetime) -> list[Trend]:
     tolerances = {each.quantity.replace("_", "-"): each.tolerance for each in judged.as_found}
     groups, _ = parted("", dict(enumerate(survey for survey, _ in found)), now)
     alike = [found[at] for at in groups[0][0]] if groups else []
-    series = [each for quantity in tolerances for each in _series(quantity, alike) if each.other is None]
+    series = [
+        each for quantity in tolerances for each in _series(quantity, alike) if each.other is None
+    ]
     trends = trends_of(series, lambda _, quantity: tolerances.get(quantity))
     return [each for each in trends if each.leaving is not None and each.leaving.likely is not None]
 
@@ -39,16 +44,35 @@ def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[S
     """Yield a figure over the surveys that state it; a figure of the volume for each volume by
     itself.
     """
-    stating = [(survey, row) for survey, result in found for row in rows_of(result) if row.quantity == quantity]
+    stating = [
+        (survey, row)
+        for survey, result in found
+        for row in rows_of(result)
+        if row.quantity == quantity
+    ]
     if stating:
         rows = [row for _, row in stating]
-        shown = np.array([[row.value, *(math.nan if each is None else each for each in (row.u, row.low, row.high))] for row in rows])
+        shown = np.array(
+            [
+                [
+                    row.value,
+                    *(math.nan if each is None else each for each in (row.u, row.low, row.high)),
+                ]
+                for row in rows
+            ]
+        )
         middle = shown[:, 2:].mean(axis=1)
         whole = Series(
-            machine="", quantity=quantity, unit=rows[0].unit, surveys=tuple(survey for survey, _ in stating), nodes_mm=np.zeros(1),
-            values=np.where(np.isfinite(middle), middle, shown[:, 0])[:, None], u=shown[:, 1:2],
-            common=np.array([(row.u_common or 0.0) / row.u if row.u else 0.0 for row in rows]), shown=shown,
-        )  # fmt: skip
+            machine="",
+            quantity=quantity,
+            unit=rows[0].unit,
+            surveys=tuple(survey for survey, _ in stating),
+            nodes_mm=np.zeros(1),
+            values=np.where(np.isfinite(middle), middle, shown[:, 0])[:, None],
+            u=shown[:, 1:2],
+            common=np.array([(row.u_common or 0.0) / row.u if row.u else 0.0 for row in rows]),
+            shown=shown,
+        )
         yield from by_volume(whole) if quantity in OF_VOLUME else (whole,)
 
 
@@ -59,4 +83,13 @@ def _results(folder: Path) -> Iterator[tuple[Survey, Result]]:
                 result = parse_result(read_text(each / RESULT), each.name)
                 facts = about(result, each.name)
                 active, standing = stated(facts.conditions)
-                yield Survey(time=facts.time, name=each.name, event=facts.event, active=active, standing=standing), result
+                yield (
+                    Survey(
+                        time=facts.time,
+                        name=each.name,
+                        event=facts.event,
+                        active=active,
+                        standing=standing,
+                    ),
+                    result,
+                )

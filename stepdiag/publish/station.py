@@ -1,4 +1,5 @@
-"""The machine's object in the address space of a server of OPC UA: state, findings, results (OPC 40001-101), prognoses (OPC 40501-1)."""
+"""The machine's object in the address space of a server of OPC UA: state, findings, results (OPC
+40001-101), prognoses (OPC 40501-1)."""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -21,9 +22,15 @@ from stepdiag.texts.texts import UNITS
 
 OWN_NAMESPACE = "urn:stepdiag:publish"
 UNKNOWN = -1
-"""The error of a method for a result or a handle that is not there; the model leaves what is below 0 to the application."""
+"""The error of a method for a result or a handle that is not there; the model leaves what is below
+0 to the application."""
 MOST_HANDLES = 1000
-EVALUATED = {"": "Undefined", "conform": "OK", "not_conform": "NotOK", "not_decidable": "NotDecidable"}
+EVALUATED = {
+    "": "Undefined",
+    "conform": "OK",
+    "not_conform": "NotOK",
+    "not_decidable": "NotDecidable",
+}
 """The verdict about a machine as OPC 40001-101 names it."""
 _MINUTE = "%Y-%m-%d %H:%M UTC"
 _RESULT, _RESULT_TYPE, _EVENT_TYPE, _MANAGEMENT_TYPE = 3008, 2001, 1002, 1004
@@ -49,7 +56,9 @@ class Station:
     @classmethod
     async def made(cls, server: Server, survey: Survey, watched: Watched) -> "Station":
         """Put the models and the object into a server, with every result that is there."""
-        station = cls(server, await add_models(server), await server.register_namespace(OWN_NAMESPACE))
+        station = cls(
+            server, await add_models(server), await server.register_namespace(OWN_NAMESPACE)
+        )
         await station._build(survey)
         for each in watched.history():
             await station._offer(*each, new=False)
@@ -66,28 +75,48 @@ class Station:
             kind = ua.VariantType.Boolean if field.type is bool else ua.VariantType.String
             if field.type in (bool, str) and field.name not in ("machine", "survey"):
                 name = field.name.title().replace("_", "")
-                self._values[field.name] = await state.add_variable(own, name, False if field.type is bool else "", kind)
-        self._values["findings"] = await machine.add_variable(own, "Findings", ua.Variant([], ua.VariantType.String, is_array=True))
-        methods = {"GetLatestResult": self._latest, "GetResultById": self._by_id, "ReleaseResultHandle": self._release}
+                self._values[field.name] = await state.add_variable(
+                    own, name, False if field.type is bool else "", kind
+                )
+        self._values["findings"] = await machine.add_variable(
+            own, "Findings", ua.Variant([], ua.VariantType.String, is_array=True)
+        )
+        methods = {
+            "GetLatestResult": self._latest,
+            "GetResultById": self._by_id,
+            "ReleaseResultHandle": self._release,
+        }
         offered = {"Results", "DefaultInstanceBrowseName", *methods}
-        management, parts = await self._instance(machine, "ResultManagement", self._models.results, _MANAGEMENT_TYPE, offered)
+        management, parts = await self._instance(
+            machine, "ResultManagement", self._models.results, _MANAGEMENT_TYPE, offered
+        )
         self._folder = parts["Results"]
         for name, answer in methods.items():
             server.link_method(parts[name], answer)
-        _, parts = await self._instance(machine, "Notification", self._models.machine_tool, _NOTIFICATION_TYPE, {"Prognoses"})
+        _, parts = await self._instance(
+            machine, "Notification", self._models.machine_tool, _NOTIFICATION_TYPE, {"Prognoses"}
+        )
         self._prognoses = parts["Prognoses"]
         # the model's own type of event is abstract: what is sent is of a type below it
-        event = await server.get_node(ua.NodeId(_EVENT_TYPE, self._models.results)).add_object_type(own, "StepdiagResultReadyEventType")
+        event = await server.get_node(ua.NodeId(_EVENT_TYPE, self._models.results)).add_object_type(
+            own, "StepdiagResultReadyEventType"
+        )
         self._event = await server.get_event_generator(event, management)
 
-    async def _instance(self, parent: Any, name: str, index: int, kind: int, offered: set[str]) -> tuple[Any, dict[str, Any]]:
+    async def _instance(
+        self, parent: Any, name: str, index: int, kind: int, offered: set[str]
+    ) -> tuple[Any, dict[str, Any]]:
         """Add an object of a type of a model; return the object with the optional parts that are
         ``offered``, by name.
         """
         named = ua.QualifiedName(name, index)
-        node = await parent.add_object(ua.NodeId(0, self._own), named, ua.NodeId(kind, index), instantiate_optional=True)
+        node = await parent.add_object(
+            ua.NodeId(0, self._own), named, ua.NodeId(kind, index), instantiate_optional=True
+        )
         parts = {(await each.read_browse_name()).Name: each for each in await node.get_children()}
-        await self._server.delete_nodes([each for part, each in parts.items() if part not in offered], recursive=True)
+        await self._server.delete_nodes(
+            [each for part, each in parts.items() if part not in offered], recursive=True
+        )
         return node, parts
 
     async def write(self, watched: Watched) -> None:
@@ -104,30 +133,43 @@ class Station:
             published = [(findings, figures)]
             values["findings"] = [msgspec.json.encode(each).decode() for each in findings.findings]
         elif not values["complete"] or values["round"] != self._round:
-            values["findings"] = []  # those of another round, or of a result that is gone, are no findings of this one
+            values[
+                "findings"
+                # those of another round, or of a result that is gone, are no findings of this one
+            ] = []
         self._round, now = values["round"], datetime.now(UTC)
         for name, value in values.items():
             kind = ua.VariantType.Boolean if isinstance(value, bool) else ua.VariantType.String
             variant = ua.Variant(value, kind, is_array=isinstance(value, list))
-            await self._values[name].write_value(ua.DataValue(variant, SourceTimestamp=now, ServerTimestamp=now))
+            await self._values[name].write_value(
+                ua.DataValue(variant, SourceTimestamp=now, ServerTimestamp=now)
+            )
         for each in published:
             if await self._offer(*each, new=True):
                 await self._predict(leavings(watched.folder, now))
 
     async def _offer(self, findings: Findings, published: ResultMessage, *, new: bool) -> bool:
-        """Add a result; send an event where it is ``new``. Return whether it was not there before."""
+        """Add a result; send an event where it is ``new``. Return whether it was not there
+        before."""
         name = result_id(published)
         if name in self._results:
-            self._results[name] = self._results.pop(name) if new else self._results[name]  # put back as it was: the latest once more
+            self._results[name] = (
+                self._results.pop(name) if new else self._results[name]
+            )  # put back as it was: the latest once more
             return False
         meta = self._meta(name, findings, published)
-        content = [ua.Variant(msgspec.json.encode(each).decode(), ua.VariantType.String) for each in (published, findings)]
+        content = [
+            ua.Variant(msgspec.json.encode(each).decode(), ua.VariantType.String)
+            for each in (published, findings)
+        ]
         result = ua.ResultDataType(ResultMetaData=meta, ResultContent=content)
         self._results[name] = result
         await self._variable(name, result)
         if new:
             event = self._event.event
-            parts = {f"Result/ResultMetaData/{member}": value for member, value in _members(meta).items()}
+            parts = {
+                f"Result/ResultMetaData/{member}": value for member, value in _members(meta).items()
+            }
             for path, value in {"Result": result, "Result/ResultMetaData": meta, **parts}.items():
                 event.add_variable(path, *_typed(value))
             await self._event.trigger(message=f"result {name}")
@@ -135,25 +177,44 @@ class Station:
         return True
 
     def _meta(self, name: str, findings: Findings, published: ResultMessage) -> Any:
-        """Return the meta data: the part is the machine, the job the survey. A calibration without a tolerance is not judged OK or not."""
+        """Return the meta data: the part is the machine, the job the survey. A calibration without
+        a tolerance is not judged OK or not."""
         wrong = sorted({each.code for each in findings.findings if each.severity == "error"})
-        verdict = "not_decidable" if wrong else together(one.verdict for one in published.conformity) if published.conformity else ""
+        verdict = (
+            "not_decidable"
+            if wrong
+            else together(one.verdict for one in published.conformity)
+            if published.conformity
+            else ""
+        )
         begun, ended = _moment(published.begun), _moment(published.ended)
         return ua.ResultMetaDataType(
-            ResultId=name, HasTransferableDataOnFile=False, IsPartial=False, PartId=published.machine, JobId=published.survey,
+            ResultId=name,
+            HasTransferableDataOnFile=False,
+            IsPartial=False,
+            PartId=published.machine,
+            JobId=published.survey,
             CreationTime=ended,
-            ProcessingTimes=ua.ProcessingTimesDataType(StartTime=begun, EndTime=ended) if begun and ended else None,
+            ProcessingTimes=ua.ProcessingTimesDataType(StartTime=begun, EndTime=ended)
+            if begun and ended
+            else None,
             ResultEvaluation=getattr(ua.ResultEvaluationEnum, EVALUATED[verdict]),
             ResultEvaluationDetails=ua.LocalizedText(", ".join(wrong)) if wrong else None,
-        )  # fmt: skip
+        )
 
     async def _variable(self, name: str, result: Any) -> None:
         """Add the variable of a result, with a component for each of its meta data with a value."""
         index, own = self._models.results, self._own
-        kind, named = self._server.get_node(ua.NodeId(_RESULT_TYPE, index)), ua.QualifiedName(name, own)
-        node, *_ = await instantiate(self._folder, kind, ua.NodeId(0, own), named, ua.LocalizedText(name))
+        kind, named = (
+            self._server.get_node(ua.NodeId(_RESULT_TYPE, index)),
+            ua.QualifiedName(name, own),
+        )
+        node, *_ = await instantiate(
+            self._folder, kind, ua.NodeId(0, own), named, ua.LocalizedText(name)
+        )
         meta, content, reduced = [
-            await node.get_child(f"{index}:{part}") for part in ("ResultMetaData", "ResultContent", "ReducedResultContent")
+            await node.get_child(f"{index}:{part}")
+            for part in ("ResultMetaData", "ResultContent", "ReducedResultContent")
         ]
         await reduced.delete(recursive=True)
         values = _members(result.ResultMetaData)
@@ -164,7 +225,9 @@ class Station:
             else:
                 await part.delete(recursive=True)
         await meta.write_value(ua.Variant(result.ResultMetaData, ua.VariantType.ExtensionObject))
-        await content.write_value(ua.Variant(result.ResultContent, ua.VariantType.Variant, is_array=True))
+        await content.write_value(
+            ua.Variant(result.ResultContent, ua.VariantType.Variant, is_array=True)
+        )
         await node.write_value(ua.Variant(result, ua.VariantType.ExtensionObject))
 
     async def _predict(self, trends: list[Trend]) -> None:
@@ -178,17 +241,31 @@ class Station:
             assert each.leaving.likely is not None
             name, unit = each.series.quantity, UNITS[each.series.unit]
             earliest = day(each.leaving.earliest or each.leaving.likely)
-            words = message("leaves-tolerance", quantity=name, limit=each.leaving.tolerance, unit=unit, earliest=earliest)
-            node = await self._prognoses.add_object(
-                ua.NodeId(0, self._own), ua.QualifiedName(name, self._own), ua.NodeId(_MAINTENANCE_TYPE, index)
+            words = message(
+                "leaves-tolerance",
+                quantity=name,
+                limit=each.leaving.tolerance,
+                unit=unit,
+                earliest=earliest,
             )
-            await (await node.get_child(f"{index}:PredictedTime")).write_value(each.leaving.likely, ua.VariantType.DateTime)
-            await (await node.get_child(f"{index}:Activity")).write_value(ua.LocalizedText(str(words), "en"))
+            node = await self._prognoses.add_object(
+                ua.NodeId(0, self._own),
+                ua.QualifiedName(name, self._own),
+                ua.NodeId(_MAINTENANCE_TYPE, index),
+            )
+            await (await node.get_child(f"{index}:PredictedTime")).write_value(
+                each.leaving.likely, ua.VariantType.DateTime
+            )
+            await (await node.get_child(f"{index}:Activity")).write_value(
+                ua.LocalizedText(str(words), "en")
+            )
 
     async def _latest(self, _parent: ua.NodeId, _timeout: ua.Variant) -> list[ua.Variant]:
         return self._given(next(reversed(self._results.values()), None))
 
-    async def _by_id(self, _parent: ua.NodeId, name: ua.Variant, _timeout: ua.Variant) -> list[ua.Variant]:
+    async def _by_id(
+        self, _parent: ua.NodeId, name: ua.Variant, _timeout: ua.Variant
+    ) -> list[ua.Variant]:
         return self._given(self._results.get(str(name.Value or "").strip()))
 
     async def _release(self, _parent: ua.NodeId, handle: ua.Variant) -> list[ua.Variant]:
@@ -197,7 +274,8 @@ class Station:
         return [ua.Variant(0 if known else UNKNOWN, ua.VariantType.Int32)]
 
     def _given(self, result: Any) -> list[ua.Variant]:
-        """Return handle, result and error. A handle holds nothing here, since no result is ever taken away; the oldest are forgotten."""
+        """Return handle, result and error. A handle holds nothing here, since no result is ever
+        taken away; the oldest are forgotten."""
         if result is not None:
             self._last_handle = self._last_handle % 0xFFFF_FFFF + 1
             self._handles[self._last_handle] = None
@@ -217,7 +295,11 @@ def result_id(published: ResultMessage) -> str:
 
 def _members(meta: Any) -> dict[str, Any]:
     """Return the meta data that have a value, by name."""
-    return {field.name: value for field in fields(meta) if field.init and (value := getattr(meta, field.name)) not in (None, [])}
+    return {
+        field.name: value
+        for field in fields(meta)
+        if field.init and (value := getattr(meta, field.name)) not in (None, [])
+    }
 
 
 def _typed(value: Any) -> tuple[Any, ua.VariantType]:

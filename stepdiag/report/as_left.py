@@ -1,4 +1,5 @@
-"""The certificate's last page: the machine measured again after loading, predicted against measured with U."""
+"""The certificate's last page: the machine measured again after loading, predicted against measured
+with U."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,17 +23,31 @@ def build_as_left(
     letterhead: Letterhead | None = None,
     language: Language = "en",
 ) -> Report:
-    """Return the page; ``concluded`` is the conclusion about the machine before, ``exported`` are the files that were loaded."""
+    """Return the page; ``concluded`` is the conclusion about the machine before, ``exported`` are
+    the files that were loaded."""
     words = {**catalogue("common", language), **catalogue("report", language)}
     html = template("as_left.html").render(
-        **page_parts(), language=language, words=words, source=before.source, result=after, left=left, exported=exported,
-        facts=certificate.facts_table(after, words), effect=certificate.effect_table(before, concluded.reach, left, words, language),
-        changes=_changes(before, after, words), letterhead=letterhead or Letterhead(),
-    )  # fmt: skip
+        **page_parts(),
+        language=language,
+        words=words,
+        source=before.source,
+        result=after,
+        left=left,
+        exported=exported,
+        facts=certificate.facts_table(after, words),
+        effect=certificate.effect_table(before, concluded.reach, left, words, language),
+        changes=_changes(before, after, words),
+        letterhead=letterhead or Letterhead(),
+    )
     return Report(html=localised_document(html, language), figures=())
 
 
 def _changes(before: Result, after: Result, words: Mapping[str, str]) -> Table:
     """Return squareness and scale before and after, each with its U (k = 2)."""
-    rows = [(name, certificate.with_u(q), certificate.with_u(after.squareness[name]), "µrad") for name, q in before.squareness.items()]
-    return Table(header=(words["name"], words["as_found"], words["as_left"], words["unit"]), rows=rows)
+    rows = [
+        (name, certificate.with_u(q), certificate.with_u(after.squareness[name]), "µrad")
+        for name, q in before.squareness.items()
+    ]
+    return Table(
+        header=(words["name"], words["as_found"], words["as_left"], words["unit"]), rows=rows
+    )

@@ -1,4 +1,5 @@
-"""The first page of the report: who, what, when, with what and by which convention, and the volume as found, predicted and as left."""
+"""The first page of the report: who, what, when, with what and by which convention, and the volume
+as found, predicted and as left."""
 
 import base64
 from collections.abc import Callable, Mapping
@@ -15,20 +16,59 @@ from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Facts, Judged
 from stepdiag.base.result.result import Quantity, Result
 from stepdiag.base.settings import read_toml
-from stepdiag.conclusion import Conclusion, Reach, even_of, interval_of, judged_in, probability_words, quantity_words, verdict_words
+from stepdiag.conclusion import (
+    Conclusion,
+    Reach,
+    even_of,
+    interval_of,
+    judged_in,
+    probability_words,
+    quantity_words,
+    verdict_words,
+)
 from stepdiag.report.laboratory import Equipment, Laboratory, Person
 from stepdiag.report.sections import Table, even, shown
 from stepdiag.texts import Language
 from stepdiag.texts.texts import UNITS
 
 FACTS = (
-    "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
-    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event", "corrected",
-)  # fmt: skip
-"""Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
-DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instrument_serial", "instrument_certificate", "sensors"}
+    "customer",
+    "machine",
+    "machine_serial",
+    "survey",
+    "begun",
+    "ended",
+    "date",
+    "operator",
+    "workpiece",
+    "instrument",
+    "instrument_serial",
+    "instrument_certificate",
+    "wavelength_nm",
+    "sensors",
+    "temperature_note",
+    "event",
+    "corrected",
+)
+"""Entries of ``survey`` in the result, in the order of the page; each is a word of the
+catalogue."""
+DUE = {
+    "customer",
+    "machine",
+    "machine_serial",
+    "operator",
+    "instrument",
+    "instrument_serial",
+    "instrument_certificate",
+    "sensors",
+}
 """Entries that a customer expects: "not stated" without a statement."""
-PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
+PICTURES = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".svg": "image/svg+xml",
+}
 LARGEST_LOGO_BYTES = 500_000
 """Bytes of a logo: it stands in the report as text, a third longer."""
 Gain = Literal["better", "same", "worse", "unsure"]
@@ -44,11 +84,18 @@ class Letterhead:
 
 
 def read_letterhead(path: Path) -> Letterhead:
-    """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture beside it). Raises UsageError."""
+    """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture
+    beside it). Raises UsageError."""
     fields = read_toml(read_text(path), str(path))
     unknown = sorted(fields.keys() - {"company", "address", "logo"})
-    if unknown or not all(isinstance(fields.get(name, ""), str) for name in ("company", "address", "logo")):
-        raise UsageError(str(path), expected=message("letterhead-texts"), found=", ".join(unknown) or message("another-one"))
+    if unknown or not all(
+        isinstance(fields.get(name, ""), str) for name in ("company", "address", "logo")
+    ):
+        raise UsageError(
+            str(path),
+            expected=message("letterhead-texts"),
+            found=", ".join(unknown) or message("another-one"),
+        )
     logo = fields.get("logo", "")
     return Letterhead(
         company=fields.get("company", ""),
@@ -60,27 +107,54 @@ def read_letterhead(path: Path) -> Letterhead:
 def _picture(path: Path) -> str:
     kind = PICTURES.get(path.suffix.lower())
     if kind is None:
-        raise UsageError(str(path), expected=message("a-picture", endings=list(PICTURES)), found=path.suffix or message("no-suffix"))
+        raise UsageError(
+            str(path),
+            expected=message("a-picture", endings=list(PICTURES)),
+            found=path.suffix or message("no-suffix"),
+        )
     data = read_bytes(path)
     if len(data) > LARGEST_LOGO_BYTES:
-        raise UsageError(str(path), expected=message("file-of-at-most", name="logo", most=LARGEST_LOGO_BYTES), found=f"{len(data)}")
+        raise UsageError(
+            str(path),
+            expected=message("file-of-at-most", name="logo", most=LARGEST_LOGO_BYTES),
+            found=f"{len(data)}",
+        )
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def _compensation(result: Result, words: Mapping[str, str]) -> str:
     """Return what was active while measuring, with the files and their hashes."""
     statement = stated_in(result)
-    state = words[f"compensation_{statement.state}" if statement.state in ("off", "on") else "compensation_unstated"]
-    return "; ".join([state, *(f"{file.name} ({file.source}, {file.date}) SHA-256 {file.sha256}" for file in statement.files)])
+    state = words[
+        f"compensation_{statement.state}"
+        if statement.state in ("off", "on")
+        else "compensation_unstated"
+    ]
+    return "; ".join(
+        [
+            state,
+            *(
+                f"{file.name} ({file.source}, {file.date}) SHA-256 {file.sha256}"
+                for file in statement.files
+            ),
+        ]
+    )
 
 
-def facts_table(result: Result, words: Mapping[str, str], laboratory: Laboratory | None = None) -> Table:
-    """Return who measured what, when and with what; an entry of `DUE` that neither survey nor laboratory states is "not stated"."""
+def facts_table(
+    result: Result, words: Mapping[str, str], laboratory: Laboratory | None = None
+) -> Table:
+    """Return who measured what, when and with what; an entry of `DUE` that neither survey nor
+    laboratory states is "not stated"."""
     known = _known(result.survey or Facts(), laboratory or Laboratory())
     shadowed = {"date"} if known.begun else set()
     missing = words["compensation_unstated"]
     entries = ((name, getattr(known, name)) for name in FACTS if name not in shadowed)
-    rows = [(words[name], _fact(value) if value else missing) for name, value in entries if value or name in DUE]
+    rows = [
+        (words[name], _fact(value) if value else missing)
+        for name, value in entries
+        if value or name in DUE
+    ]
     rows.append((words["compensation"], _compensation(result, words)))
     reduced = known.at_20_c if result.lengths is None else result.lengths.tables == "at_20_c"
     rows.append((words["reference_temperature"], words["at_20_c" if reduced else "as_measured"]))
@@ -90,10 +164,17 @@ def facts_table(result: Result, words: Mapping[str, str], laboratory: Laboratory
 
 
 def _known(facts: Facts, laboratory: Laboratory) -> Facts:
-    """Return the facts of a survey; what the laboratory's file states stands in their place, as in the certificate."""
-    of_survey = Equipment(name=facts.instrument, serial=facts.instrument_serial, certificate=facts.instrument_certificate)
+    """Return the facts of a survey; what the laboratory's file states stands in their place, as in
+    the certificate."""
+    of_survey = Equipment(
+        name=facts.instrument,
+        serial=facts.instrument_serial,
+        certificate=facts.instrument_certificate,
+    )
     laser = (*laboratory.equipment, of_survey)[0]
-    sensors = ", ".join(f"{one.name} {one.serial} {one.certificate}".strip() for one in laboratory.equipment[1:])
+    sensors = ", ".join(
+        f"{one.name} {one.serial} {one.certificate}".strip() for one in laboratory.equipment[1:]
+    )
     return replace(
         facts,
         customer=laboratory.customer.name or facts.customer,
@@ -111,7 +192,9 @@ def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table
     persons = (laboratory.person if laboratory is not None else ()) or (Person(),)
     missing = words["compensation_unstated"]
     rows = [(one.name or missing, one.role or missing, "", "") for one in persons]
-    return Table(header=(words["person"], words["role"], words["date"], words["signature"]), rows=rows)
+    return Table(
+        header=(words["person"], words["role"], words["date"], words["signature"]), rows=rows
+    )
 
 
 def _fact(value: object) -> str:
@@ -119,8 +202,15 @@ def _fact(value: object) -> str:
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
-def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", words: Mapping[str, str], language: Language) -> Table | None:
-    """Return every figure as found, predicted, as left and, where a tolerance is stated, that with the verdict, at k = 2.
+def effect_table(
+    result: Result,
+    reach: Reach | None,
+    left: "AsLeft | None",
+    words: Mapping[str, str],
+    language: Language,
+) -> Table | None:
+    """Return every figure as found, predicted, as left and, where a tolerance is stated, that with
+    the verdict, at k = 2.
 
     None where no volume was surveyed and no tolerance is stated.
     """
@@ -133,37 +223,69 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
 
     def row(name: str, quantity: str, cells: tuple[str, str, str]) -> None:
         states = (("as_found", now), ("predicted", then), ("as_left", later))
-        judged = [f"{words[state]}: {_verdict(of[quantity], language)}" for state, of in states if quantity in of]
+        judged = [
+            f"{words[state]}: {_verdict(of[quantity], language)}"
+            for state, of in states
+            if quantity in of
+        ]
         limit = f"{now[quantity].tolerance:g}" if quantity in now else none
         rows.append((name, *cells, *((limit, "; ".join(judged) or none) if tolerance else ())))
 
     if reach is not None:
         figures = (reach.rms_before, reach.rms_after, None if left is None else left.rms)
-        row(f"{words['field']}, {words['rms']} / µm", "volumetric_rms", _cells(figures, interval_words))
-        figures = (reach.largest_before, reach.largest_after, None if left is None else left.largest)
-        row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words))
+        row(
+            f"{words['field']}, {words['rms']} / µm",
+            "volumetric_rms",
+            _cells(figures, interval_words),
+        )
+        figures = (
+            reach.largest_before,
+            reach.largest_after,
+            None if left is None else left.largest,
+        )
+        row(
+            f"{words['field']}, {words['maximum']} / µm",
+            "volumetric_largest",
+            _cells(figures, bound_words),
+        )
     for name, number in result.squareness.items() if rows or tolerance else ():
-        after = none if left is None or name not in left.squareness else with_u(left.squareness[name])
-        row(f"{name} / µrad", name, (with_u(number), _between(then[name]) if name in then else none, after))
+        after = (
+            none if left is None or name not in left.squareness else with_u(left.squareness[name])
+        )
+        row(
+            f"{name} / µrad",
+            name,
+            (with_u(number), _between(then[name]) if name in then else none, after),
+        )
     for quantity, one in now.items():
         if quantity not in result.squareness and not quantity.startswith("volumetric"):
             after = none if quantity not in later else _between(later[quantity])
             before = _between(then[quantity]) if quantity in then else none
-            row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), before, after))
+            row(
+                f"{quantity_words(one, language)} / {UNITS[one.unit]}",
+                quantity,
+                (_between(one), before, after),
+            )
     again = words["as_left"] + (f" ({words['not_yet']})" if left is None else "")
     header = (words["name"], words["as_found"], words["predicted"], again)
     more = (words["tolerance"], words["verdict"]) if tolerance else ()
     return Table(header=(*header, *more), rows=rows) if rows else None
 
 
-def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str]) -> tuple[str, str, str]:
+def _cells(
+    figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str]
+) -> tuple[str, str, str]:
     before, after, later = figures
     return form(before), form(after), shown(None) if later is None else form(later)
 
 
 def _verdict(one: Judged, language: Language) -> str:
     """Return the verdict with the probability of conformity."""
-    return verdict_words(one, language) + ("" if one.probability is None else f" ({probability_words(one.probability)}\N{NO-BREAK SPACE}%)")
+    return verdict_words(one, language) + (
+        ""
+        if one.probability is None
+        else f" ({probability_words(one.probability)}\N{NO-BREAK SPACE}%)"
+    )
 
 
 def _between(one: Judged) -> str:
@@ -196,13 +318,15 @@ def bound_words(found: Interval | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AsLeft:
-    """The volume measured again after the files were loaded: its figures, where they stand, and whether the prediction came true."""
+    """The volume measured again after the files were loaded: its figures, where they stand, and
+    whether the prediction came true."""
 
     source: str
     rms: Interval
     largest: Interval
     kept: bool | None
-    """Whether the measured rms lies within what was predicted, both with their U; None where one of them has none."""
+    """Whether the measured rms lies within what was predicted, both with their U; None where one of
+    them has none."""
     gain: Gain = "unsure"
     """Change of the machine: an interval wholly below or above the interval as found is better or
     worse, an overlapping interval neither.
@@ -211,26 +335,39 @@ class AsLeft:
     judged: tuple[Judged, ...] = ()
 
 
-def as_left(source: str, again: Conclusion, found: Reach | None, after: Result | None = None) -> AsLeft:
+def as_left(
+    source: str, again: Conclusion, found: Reach | None, after: Result | None = None
+) -> AsLeft:
     """Return the check of the reach ``found`` before loading by a survey after it: whether the
     prediction came true, and the gain.
 
     ``after`` is the result of that survey, for its squareness and its verdicts.
 
-    Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a volume there.
+    Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a
+    volume there.
     """
     if again.reach is None or found is None:
         what = message("axis-not-travelled")
-        raise UsageError("--as-left", expected=message("whole-volume-twice"), found=what, remedy=message("compare-two"))
+        raise UsageError(
+            "--as-left",
+            expected=message("whole-volume-twice"),
+            found=what,
+            remedy=message("compare-two"),
+        )
     rms, predicted = again.reach.rms_before, found.rms_after
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}
     kept = None if order is None else order == 0
     judged = () if after is None or after.conformity is None else after.conformity.as_found
     return AsLeft(
-        source=source, rms=rms, largest=again.reach.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)],
-        squareness={} if after is None else after.squareness, judged=judged,
-    )  # fmt: skip
+        source=source,
+        rms=rms,
+        largest=again.reach.largest_before,
+        kept=kept,
+        gain=gains[_beside(rms, found.rms_before)],
+        squareness={} if after is None else after.squareness,
+        judged=judged,
+    )
 
 
 def _beside(one: Interval, other: Interval) -> int | None:

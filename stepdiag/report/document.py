@@ -13,7 +13,16 @@ from stepdiag.base.conformity import together
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.members import VOLUME, StandardFigures
 from stepdiag.base.result.result import Result
-from stepdiag.conclusion import STATES, Conclusion, Sentence, conclude, conclusion_document, render, titles_of, words_of
+from stepdiag.conclusion import (
+    STATES,
+    Conclusion,
+    Sentence,
+    conclude,
+    conclusion_document,
+    render,
+    titles_of,
+    words_of,
+)
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.drawings.figure import Figure, data_link
@@ -64,7 +73,9 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     computer or the order of a set.
     """
     words = {**catalogue("common", language), **catalogue("report", language)}
-    known = conclusion or conclude(result, [one.concluded for one in exported if one.concluded is not None])
+    known = conclusion or conclude(
+        result, [one.concluded for one in exported if one.concluded is not None]
+    )
     correction = next((one.correction for one in exported if one.correction is not None), None)
     layout = measured.layout_of(readings, result) if readings is not None else None
     figures = {
@@ -98,44 +109,78 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "recordings": sections.recordings_table(result, words),
     }
     html = template("template.html").render(
-        **page_parts(number), number=number, digest=digest,
-        **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
-        unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
-        concluded=_with_left(words_of(conclusion_document(known), language), left, language), titles=titles_of(language),
-        predicted=correction is not None, chi=sections.chi_square_words(result, words),
-        letterhead=letterhead or Letterhead(), left=left,
-    )  # fmt: skip
-    return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
+        **page_parts(number),
+        number=number,
+        digest=digest,
+        **tables,
+        **figures,
+        language=language,
+        words=words,
+        source=source,
+        result=result,
+        exported=exported,
+        unidentified=sections.unidentified(result, words),
+        remarks=sections.remarks(result, words, language),
+        concluded=_with_left(words_of(conclusion_document(known), language), left, language),
+        titles=titles_of(language),
+        predicted=correction is not None,
+        chi=sections.chi_square_words(result, words),
+        letterhead=letterhead or Letterhead(),
+        left=left,
+    )
+    return Report(
+        html=localised_document(html, language),
+        figures=tuple(figure for group in figures.values() for figure in group),
+    )
 
 
 def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
-    """Return the conclusion without the verdicts about single figures, which stand in the table above it."""
-    firsts = tuple(catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES)
-    return {**concluded, "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)]}
+    """Return the conclusion without the verdicts about single figures, which stand in the table
+    above it."""
+    firsts = tuple(
+        catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES
+    )
+    return {
+        **concluded,
+        "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)],
+    }
 
 
-def _with_left(concluded: dict[str, list[str]], left: AsLeft | None, language: Language) -> dict[str, list[str]]:
-    """Return the conclusion with the verdict as left; what was to be loaded is loaded then, and is not in it."""
+def _with_left(
+    concluded: dict[str, list[str]], left: AsLeft | None, language: Language
+) -> dict[str, list[str]]:
+    """Return the conclusion with the verdict as left; what was to be loaded is loaded then, and is
+    not in it."""
     concluded = _each_once(concluded, language)
     if left is None:
         return concluded
     verdict = Sentence(key=f"verdict_{together(one.verdict for one in left.judged)}")
-    again = [render(Sentence(key="verdict_as_left", arguments={"verdict": verdict}), language)] if left.judged else []
+    again = (
+        [render(Sentence(key="verdict_as_left", arguments={"verdict": verdict}), language)]
+        if left.judged
+        else []
+    )
     return {**concluded, "verdict": [*concluded["verdict"], *again], "load": [], "next_step": []}
 
 
 def localised_document(html: str, language: Language) -> str:
-    """Return the document with the numbers between its tags as the language writes them; styles, scripts and hashes stay as they are."""
+    """Return the document with the numbers between its tags as the language writes them; styles,
+    scripts and hashes stay as they are."""
     if language == "en":
         return html
     return _BETWEEN.sub(lambda found: f"{found[1]}{localised(found[2], language)}<", html)
 
 
-def _standards(result: Result, layout: Layout | None, readings: Readings | None) -> Mapping[str, Sequence[StandardFigures]]:
-    """Return the figures of the standards as the result has them, else from the readings: the closed forms write none."""
+def _standards(
+    result: Result, layout: Layout | None, readings: Readings | None
+) -> Mapping[str, Sequence[StandardFigures]]:
+    """Return the figures of the standards as the result has them, else from the readings: the
+    closed forms write none."""
     if result.standards or layout is None or readings is None:
         return result.standards or {}
-    return standard_figures.standards_report(layout, at_their_temperature(readings, None, "readings"))
+    return standard_figures.standards_report(
+        layout, at_their_temperature(readings, None, "readings")
+    )
 
 
 def page_parts(number: str = "") -> dict[str, str]:
@@ -144,20 +189,38 @@ def page_parts(number: str = "") -> dict[str, str]:
 
     ``number`` of the certificate stands at the head of every printed page.
     """
-    head = f"@page {{ @top-left {{ content: '{_css_text(number)}'; font: 8pt sans-serif; }} }}\n" if number else ""
+    head = (
+        f"@page {{ @top-left {{ content: '{_css_text(number)}'; font: 8pt sans-serif; }} }}\n"
+        if number
+        else ""
+    )
     style, script = _part("report.css") + head, _part("report.js")
-    return {"style": style, "style_hash": _source_hash(style), "script": script, "script_hash": _source_hash(script)}
+    return {
+        "style": style,
+        "style_hash": _source_hash(style),
+        "script": script,
+        "script_hash": _source_hash(script),
+    }
 
 
 def _css_text(text: str) -> str:
-    """Return a text as a string of CSS can hold it: everything but letters and digits as its number."""
-    return "".join(each if each.isalnum() and each.isascii() else f"\\{ord(each):06x}" for each in text)
+    """Return a text as a string of CSS can hold it: everything but letters and digits as its
+    number."""
+    return "".join(
+        each if each.isalnum() and each.isascii() else f"\\{ord(each):06x}" for each in text
+    )
 
 
 def _units(result: Result) -> dict[str, str]:
     functions = {name: function.unit for name, function in result.errors.items()}
     quantities = {name: quantity.unit for name, quantity in result.squareness.items()}
-    return {**functions, **quantities, SCALE_SUM: "um", VOLUME: "um", **{axis: scale.unit for axis, scale in result.scale.items()}}
+    return {
+        **functions,
+        **quantities,
+        SCALE_SUM: "um",
+        VOLUME: "um",
+        **{axis: scale.unit for axis, scale in result.scale.items()},
+    }
 
 
 def _part(name: str) -> str:
@@ -172,7 +235,13 @@ def _source_hash(text: str) -> str:
 def template(name: str) -> jinja2.Template:
     """Return a template of this room; everything is escaped but what this package drew itself."""
     loader = jinja2.FunctionLoader(_part)
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters["data_link"] = data_link
     environment.filters["shown"] = sections.shown
     return environment.get_template(name)

@@ -46,16 +46,23 @@ def exported_of(written: ExportReport) -> Exported:
     """Return what an export wrote."""
     files = read_set(written.out_dir)
     lattices = [file for file in files if lattice.recognises(file) and not is_restore(file.name)]
-    correction = lattice.parse(lattices[0]).correction_um if lattices else _of_tables(written.tables)
-    return Exported(controller=written.controller, files=_listed(files), correction=correction, concluded=export_of(written))
+    correction = (
+        lattice.parse(lattices[0]).correction_um if lattices else _of_tables(written.tables)
+    )
+    return Exported(
+        controller=written.controller,
+        files=_listed(files),
+        correction=correction,
+        concluded=export_of(written),
+    )
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
     """Return the contents of files, or of an export's folder: all are listed; a control's files,
     except restore files, predict.
 
-    Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or files of two controls are mixed,
-    ``SafetyError`` for a set that is not as an export wrote it.
+    Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or
+    files of two controls are mixed, ``SafetyError`` for a set that is not as an export wrote it.
     """
     files = read_given(paths)
     tables = [file for file in files if _is_table(file) and not is_restore(file.name)]
@@ -70,21 +77,42 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
             correction=lattice.parse(tables[0]).correction_um,
             concluded=Export(controller=lattice.NAME, reach=reach, harmed=harmed_in(lone.findings)),
         )
-    known = load_profile(profile, controller_for(tables), result.volume) if profile is not None else None
+    known = (
+        load_profile(profile, controller_for(tables), result.volume)
+        if profile is not None
+        else None
+    )
     found = verify_files(result, tables, known)
     kinds = tuple(dict.fromkeys(table.kind for table in found.tables))
     untested = kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()
     reach = reach_of(found.prediction.predicted)
-    concluded = Export(controller=found.controller, untested=untested, reach=reach, harmed=harmed_in(found.findings))
-    return Exported(controller=found.controller, files=_listed(files), correction=_of_tables(found.tables), concluded=concluded)
+    concluded = Export(
+        controller=found.controller,
+        untested=untested,
+        reach=reach,
+        harmed=harmed_in(found.findings),
+    )
+    return Exported(
+        controller=found.controller,
+        files=_listed(files),
+        correction=_of_tables(found.tables),
+        concluded=concluded,
+    )
 
 
 def _is_table(file: ControlFile) -> bool:
-    return lattice.recognises(file) or any(controller.recognises(file) for controller in CONTROLLERS.values())
+    return lattice.recognises(file) or any(
+        controller.recognises(file) for controller in CONTROLLERS.values()
+    )
 
 
 def _listed(files: Sequence[ControlFile]) -> tuple[ExportedFile, ...]:
-    return tuple(ExportedFile(name=one.name, size_bytes=len(one.data), sha256=hashlib.sha256(one.data).hexdigest()) for one in files)
+    return tuple(
+        ExportedFile(
+            name=one.name, size_bytes=len(one.data), sha256=hashlib.sha256(one.data).hexdigest()
+        )
+        for one in files
+    )
 
 
 def _of_tables(tables: Sequence[Table]) -> Correction | None:

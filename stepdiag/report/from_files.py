@@ -49,7 +49,9 @@ def report_from(of: ReportFiles) -> Report:
         exported=exported,
         left=None if of.left is None else _as_left(found, exported, _result(of.left)),
         letterhead=None if of.letterhead is None else read_letterhead(of.letterhead),
-        readings=None if of.readings is None else parse_readings(read_text(of.readings), of.readings.name),
+        readings=None
+        if of.readings is None
+        else parse_readings(read_text(of.readings), of.readings.name),
         laboratory=read_laboratory(of.laboratory).file,
         sha256=sha256_of(of.result),
         language=of.language,
@@ -61,11 +63,15 @@ def _result(path: Path) -> Result:
 
 
 def _exports(paths: Sequence[Path]) -> list[list[Path]]:
-    """Return the exports among files and folders: a folder that lists its files is read as a whole."""
+    """Return the exports among files and folders: a folder that lists its files is read as a
+    whole."""
     folders: dict[Path, list[Path]] = {}
     for path in paths:
         folders.setdefault(path if path.is_dir() else path.parent, []).append(path)
-    return [[folder] if any(path.name == SUMS for path in each) else each for folder, each in folders.items()]
+    return [
+        [folder] if any(path.name == SUMS for path in each) else each
+        for folder, each in folders.items()
+    ]
 
 
 def _as_left(before: Result, exported: Sequence[Exported], after: Result) -> AsLeft:

@@ -15,8 +15,11 @@ from stepdiag.base.settings import convert, read_toml
 
 NOT_STATED = "not stated"
 UNKNOWN_COUNTRY = "ZZ"
-"""ISO 3166-1 leaves this code to its users: the schema has no word for a country that is not stated."""
-Country = Annotated[str, Meta(pattern=r"^([A-Z]{2})?\Z", description='a country as two letters, such as "DE"')]
+"""ISO 3166-1 leaves this code to its users: the schema has no word for a country that is not
+stated."""
+Country = Annotated[
+    str, Meta(pattern=r"^([A-Z]{2})?\Z", description='a country as two letters, such as "DE"')
+]
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -52,7 +55,8 @@ class Person(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Equipment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A laser or a sensor; ``certificate_file`` is its own certificate, beside the settings file."""
+    """A laser or a sensor; ``certificate_file`` is its own certificate, beside the settings
+    file."""
 
     name: str
     manufacturer: str = ""
@@ -63,12 +67,15 @@ class Equipment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Head(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Number and dates of the certificate; ``previous_file`` is the earlier report, ``replaces`` the number of an amended certificate."""
+    """Number and dates of the certificate; ``previous_file`` is the earlier report, ``replaces``
+    the number of an amended certificate."""
 
     number: str = ""
     order: str = ""
     country: Country = ""
-    location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = "customer"
+    location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = (
+        "customer"
+    )
     begun: date | None = None
     ended: date | None = None
     issued: date | None = None

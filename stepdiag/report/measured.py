@@ -14,7 +14,8 @@ from stepdiag.solver.model.layout import Layout, lay_out
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:
-    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where they belong to another survey."""
+    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where they
+    belong to another survey."""
     return lay_out(readings, "readings", result.volume)
 
 
@@ -22,7 +23,9 @@ def setup_figures(layout: Layout, words: Mapping[str, str]) -> list[Figure]:
     """Return a figure per setup: deviation over the way along the beam, a line per pass; a return
     pass with a new zero is joined to the outward pass.
     """
-    return [_setup_figure(layout, index, setup.name, words) for index, setup in enumerate(layout.setups)]
+    return [
+        _setup_figure(layout, index, setup.name, words) for index, setup in enumerate(layout.setups)
+    ]
 
 
 def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str]) -> Figure:
@@ -32,13 +35,25 @@ def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str
     for number in np.unique(layout.pass_index[rows]).tolist():
         mine = rows[layout.pass_index[rows] == number]
         key = layout.passes[number]
-        deviation = layout.deviation_um[mine] + (0.0 if key.outward or layout.zero_index[mine[0]] == zero else far)
-        far, zero = (float(deviation[-1]), int(layout.zero_index[mine[-1]])) if key.outward else (far, zero)
+        deviation = layout.deviation_um[mine] + (
+            0.0 if key.outward or layout.zero_index[mine[0]] == zero else far
+        )
+        far, zero = (
+            (float(deviation[-1]), int(layout.zero_index[mine[-1]])) if key.outward else (far, zero)
+        )
         label = f"{key.number}: {words['outward' if key.outward else 'return']}"
         lines.append(Series(label=label, x=way[np.isin(rows, mine)], y=deviation))
     drawing = charts.line_chart(lines, label=name, x_label=words["way"], y_label=words["deviation"])
-    columns = np.column_stack([layout.stop[rows], way, layout.deviation_um[rows], layout.u_um[rows]]).tolist()
-    table = [(layout.passes[number].number, *row) for number, row in zip(layout.pass_index[rows].tolist(), columns, strict=True)]
+    columns = np.column_stack(
+        [layout.stop[rows], way, layout.deviation_um[rows], layout.u_um[rows]]
+    ).tolist()
+    table = [
+        (layout.passes[number].number, *row)
+        for number, row in zip(layout.pass_index[rows].tolist(), columns, strict=True)
+    ]
     return Figure(
-        name=f"setup-{name}", title=name, drawing=drawing, table=csv_table(["pass", "stop", "way_mm", "deviation_um", "u_um"], table)
+        name=f"setup-{name}",
+        title=name,
+        drawing=drawing,
+        table=csv_table(["pass", "stop", "way_mm", "deviation_um", "u_um"], table),
     )

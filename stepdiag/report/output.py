@@ -19,10 +19,11 @@ PRINT_TIMEOUT_S = 120.0
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     """Write the report and return what was written.
 
-    ``out`` ending in ``.html`` is the document itself (its figures' CSV are inside, as links), one ending in ``.pdf`` its print; any other
-    ``out`` is a folder that gets ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF stands beside the HTML. The HTML and its
-    figures are written together or not at all. Raises UsageError where ``out`` is named like another file, DeviceError where a PDF is
-    asked for and no chromium is there or it fails.
+    ``out`` ending in ``.html`` is the document itself (its figures' CSV are inside, as links), one
+    ending in ``.pdf`` its print; any other ``out`` is a folder that gets ``report.html`` and
+    ``figures/<name>.csv``. With ``pdf`` the PDF stands beside the HTML. The HTML and its figures
+    are written together or not at all. Raises UsageError where ``out`` is named like another file,
+    DeviceError where a PDF is asked for and no chromium is there or it fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
         write_atomically(out, printed(report.html.encode()))
@@ -33,7 +34,10 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     document = out if alone else out / "report.html"
     files = {document: report.html.encode()}
     if not alone:
-        files |= {out / "figures" / f"{figure.name}.csv": figure.table.encode() for figure in report.figures}
+        files |= {
+            out / "figures" / f"{figure.name}.csv": figure.table.encode()
+            for figure in report.figures
+        }
     write_together(files, over=True)
     return [*files, *([print_pdf(document)] if pdf else [])]
 
@@ -52,16 +56,29 @@ def browser() -> str | None:
 
 
 def print_pdf(document: Path) -> Path:
-    """Print an HTML file to the PDF beside it, offline, in a profile of its own; return its path."""
+    """Print an HTML file to the PDF beside it, offline, in a profile of its own; return its
+    path."""
     program = browser()
     if program is None:
-        raise DeviceError("--pdf", expected="chromium", found=message("none"), remedy=message("print-from-browser"))
+        raise DeviceError(
+            "--pdf",
+            expected="chromium",
+            found=message("none"),
+            remedy=message("print-from-browser"),
+        )
     target = document.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as profile:
         draft = Path(profile) / "report.pdf"
-        command = [program, *_switches(profile), f"--print-to-pdf={draft}", document.resolve().as_uri()]
+        command = [
+            program,
+            *_switches(profile),
+            f"--print-to-pdf={draft}",
+            document.resolve().as_uri(),
+        ]
         try:
-            done = subprocess.run(command, capture_output=True, timeout=PRINT_TIMEOUT_S, check=False)
+            done = subprocess.run(
+                command, capture_output=True, timeout=PRINT_TIMEOUT_S, check=False
+            )
         except subprocess.TimeoutExpired as why:
             raise DeviceError(
                 program,
@@ -72,7 +89,12 @@ def print_pdf(document: Path) -> Path:
         if not draft.is_file():
             lines = done.stderr.decode(errors="replace").strip().splitlines()
             found = lines[-1] if lines else message("exit-code", code=done.returncode)
-            raise DeviceError(program, expected=message("a-pdf"), found=found, remedy=message("print-from-browser"))
+            raise DeviceError(
+                program,
+                expected=message("a-pdf"),
+                found=found,
+                remedy=message("print-from-browser"),
+            )
         write_atomically(target, draft.read_bytes())
     return target
 
@@ -81,6 +103,19 @@ def _switches(profile: str) -> list[str]:
     """Return the switches that keep the browser headless and silent on the network; root gets no
     sandbox because there is none for root.
     """
-    quiet = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--disable-quic"]
+    quiet = [
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--no-first-run",
+        "--disable-quic",
+    ]
     sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
-    return ["--headless", "--disable-gpu", f"--user-data-dir={profile}", "--no-pdf-header-footer", *quiet, *sandbox]
+    return [
+        "--headless",
+        "--disable-gpu",
+        f"--user-data-dir={profile}",
+        "--no-pdf-header-footer",
+        *quiet,
+        *sandbox,
+    ]

@@ -23,9 +23,28 @@ from stepdiag.texts.explained import finding_advice
 from stepdiag.texts.texts import UNITS, Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
-SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
-POSITIONING_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
-"""The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""
+SETUP_COLUMNS = (
+    "kind",
+    "passes",
+    "stops",
+    "tilt_mrad",
+    "drift",
+    "repeatability_um",
+    "residual_um",
+    "noise_um",
+)
+POSITIONING_FIGURES = {
+    "E_up": "E↑",
+    "R_up": "R↑",
+    "A_up": "A↑",
+    "E": "E",
+    "B": "B",
+    "M": "M",
+    "R": "R",
+    "A": "A",
+}
+"""The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes
+them."""
 MOST_ROWS = 200
 """Rows of a table that a foreign result may fill at most."""
 
@@ -50,7 +69,8 @@ class Remark:
 
 
 def shown(value: object, decimals: int | None = None) -> str:
-    """Return a cell: numbers with a fixed count of decimals or four significant digits, lists joined, None as a dash."""
+    """Return a cell: numbers with a fixed count of decimals or four significant digits, lists
+    joined, None as a dash."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -85,16 +105,31 @@ def conditions_table(result: Result, readings: Readings | None, words: Mapping[s
     rows = [(_readable(name, words), _from_to(value)) for name, value in flat[:MOST_ROWS]]
     measured = "material_temperature_c" in dict(flat)
     if readings is not None and not measured and np.isfinite(readings.temperature_c).any():
-        low, high = float(np.nanmin(readings.temperature_c)), float(np.nanmax(readings.temperature_c))
+        low, high = (
+            float(np.nanmin(readings.temperature_c)),
+            float(np.nanmax(readings.temperature_c)),
+        )
         rows.append((f"{words['material_temperature']} / °C", _from_to([low, high])))
     if readings is not None and np.isfinite(readings.time_s).any():
-        rows.append((words["duration"], f"{shown(float(np.ptp(readings.time_s[np.isfinite(readings.time_s)])) / 60, 1)} min"))
+        rows.append(
+            (
+                words["duration"],
+                (
+                    f"{shown(float(np.ptp(readings.time_s[np.isfinite(readings.time_s)])) / 60, 1)} "  # noqa: E501
+                    "min"
+                ),
+            )
+        )
     return Table(header=(), rows=rows)
 
 
 def _from_to(value: object) -> str:
     """Return a least and a largest value as a range, anything else unchanged."""
-    if isinstance(value, list) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
+    if (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(item, int | float) for item in value)
+    ):
         low, high = (shown(item, 2) for item in value)
         return low if low == high else f"{low} … {high}"
     return shown(value)
@@ -103,9 +138,18 @@ def _from_to(value: object) -> str:
 def setups_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return a row per setup: its passes, and its mirror, drift and repeatability."""
     setups = dict(list(result.setups.items())[:MOST_ROWS])
-    columns = [column for column in SETUP_COLUMNS if any(getattr(facts, column) not in (None, ()) for facts in setups.values())]
-    rows = [(name, *(_setup_fact(getattr(facts, column), words) for column in columns)) for name, facts in setups.items()]
-    return Table(header=(words["setup"], *(_readable(column, words) for column in columns)), rows=rows)
+    columns = [
+        column
+        for column in SETUP_COLUMNS
+        if any(getattr(facts, column) not in (None, ()) for facts in setups.values())
+    ]
+    rows = [
+        (name, *(_setup_fact(getattr(facts, column), words) for column in columns))
+        for name, facts in setups.items()
+    ]
+    return Table(
+        header=(words["setup"], *(_readable(column, words) for column in columns)), rows=rows
+    )
 
 
 def _setup_fact(value: object, words: Mapping[str, str]) -> str:
@@ -130,11 +174,16 @@ def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, objec
 
 
 def _readable(name: str, words: Mapping[str, str]) -> str:
-    """Return the heading of a fact by its name; an unknown ``mirror_tilt_mrad`` as ``mirror tilt / mrad``."""
+    """Return the heading of a fact by its name; an unknown ``mirror_tilt_mrad`` as ``mirror tilt /
+    mrad``."""
     if heading := words.get(f"fact_{name.replace(' ', '_')}"):
         return heading
     head, _, unit = name.rpartition("_")
-    return f"{head.replace('_', ' ')} / {UNITS[unit]}" if head and unit in UNITS else name.replace("_", " ")
+    return (
+        f"{head.replace('_', ' ')} / {UNITS[unit]}"
+        if head and unit in UNITS
+        else name.replace("_", " ")
+    )
 
 
 def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
@@ -142,8 +191,19 @@ def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
     rows = []
     for name, quantity in result.squareness.items():
         value, u = _value_and_u(quantity.value, quantity.u)
-        rows.append((name, words[f"squareness_{name}"], words["not_identified"] if quantity.value is None else value, u, "µrad"))
-    return Table(header=(words["name"], words["between"], words["value"], words["expanded"], words["unit"]), rows=rows)
+        rows.append(
+            (
+                name,
+                words[f"squareness_{name}"],
+                words["not_identified"] if quantity.value is None else value,
+                u,
+                "µrad",
+            )
+        )
+    return Table(
+        header=(words["name"], words["between"], words["value"], words["expanded"], words["unit"]),
+        rows=rows,
+    )
 
 
 def scale_table(result: Result, words: Mapping[str, str]) -> Table:
@@ -152,7 +212,9 @@ def scale_table(result: Result, words: Mapping[str, str]) -> Table:
     for name, scale in result.scale.items():
         value, u = _value_and_u(scale.value, scale.u)
         rows.append((name, value if scale.identified else words["not_identified"], u, "µm/m"))
-    return Table(header=(words["axis"], words["value"], words["expanded"], words["unit"]), rows=rows)
+    return Table(
+        header=(words["axis"], words["value"], words["expanded"], words["unit"]), rows=rows
+    )
 
 
 def _value_and_u(value: float | None, u: float | None) -> tuple[str, str]:
@@ -164,7 +226,11 @@ def _value_and_u(value: float | None, u: float | None) -> tuple[str, str]:
 
 def even(value: float | None, expanded: float | None) -> str:
     """Return a value with its U (k = 2) as a cell, the value alone where no U is stated."""
-    return shown(value, 2) if value is None or expanded is None else with_expanded(value, expanded).replace("-", "−")
+    return (
+        shown(value, 2)
+        if value is None or expanded is None
+        else with_expanded(value, expanded).replace("-", "−")
+    )
 
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -175,10 +241,23 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     if found.tables is None or not found.other:
         return None
     both = {found.tables: found.scales, found.beside: found.other}
-    cells = {name: {axis: even(value, u) for axis, value, u in scales} for name, scales in both.items()}
+    cells = {
+        name: {axis: even(value, u) for axis, value, u in scales} for name, scales in both.items()
+    }
     names: tuple[Lengths, ...] = ("as_measured", "at_20_c")
-    header = (words["axis"], *(words[f"lengths_{name}"] + (f" ({words['in_tables']})" if name == found.tables else "") for name in names))
-    return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
+    header = (
+        words["axis"],
+        *(
+            words[f"lengths_{name}"] + (f" ({words['in_tables']})" if name == found.tables else "")
+            for name in names
+        ),
+    )
+    return Table(
+        header=header,
+        rows=[
+            (axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS
+        ],
+    )
 
 
 def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
@@ -190,20 +269,34 @@ def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table |
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
-        name: symbol for name, symbol in POSITIONING_FIGURES.items() if any(_figure(facts, name) is not None for facts in first.values())
+        name: symbol
+        for name, symbol in POSITIONING_FIGURES.items()
+        if any(_figure(facts, name) is not None for facts in first.values())
     }
     once = positioning_lengths(standards, words)
     rows = [
         (
             name,
-            ", ".join(filter(None, (_standard(facts.standard, words), "" if once else _lengths(facts, words)))),
+            ", ".join(
+                filter(
+                    None, (_standard(facts.standard, words), "" if once else _lengths(facts, words))
+                )
+            ),
             shown(facts.runs),
             *(_with_u(facts, figure) for figure in known),
         )
         for name, facts in list(first.items())[:MOST_ROWS]
     ]
     return (
-        Table(header=(words["setup"], words["standard"], words["runs"], *(f"{symbol} / µm" for symbol in known.values())), rows=rows)
+        Table(
+            header=(
+                words["setup"],
+                words["standard"],
+                words["runs"],
+                *(f"{symbol} / µm" for symbol in known.values()),
+            ),
+            rows=rows,
+        )
         if known
         else None
     )
@@ -214,17 +307,30 @@ def _standard(name: str, words: Mapping[str, str]) -> str:
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
-    """Return of which lengths all figures along axes and diagonals are; empty where that is unknown, or not the same of all."""
-    lengths = {text for found in standards.values() if found and (text := _lengths(found[0], words))}
+    """Return of which lengths all figures along axes and diagonals are; empty where that is
+    unknown, or not the same of all."""
+    lengths = {
+        text for found in standards.values() if found and (text := _lengths(found[0], words))
+    }
     return lengths.pop() if len(lengths) == 1 else ""
 
 
 def _lengths(facts: StandardFigures, words: Mapping[str, str]) -> str:
-    return {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(facts.lengths or "", "")
+    return {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(
+        facts.lengths or "", ""
+    )
 
 
-VDI_FIGURES = {"P": "P", "Pa": "Pa", "U_max": "U max", "U_mean": "U̅", "Ps_max": "Ps max", "Ps_mean": "P̅s"}
-"""The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`; its U is the reversal, not an uncertainty."""
+VDI_FIGURES = {
+    "P": "P",
+    "Pa": "Pa",
+    "U_max": "U max",
+    "U_mean": "U̅",
+    "Ps_max": "Ps max",
+    "Ps_mean": "P̅s",
+}
+"""The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`; its U is the reversal,
+not an uncertainty."""
 
 
 def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
@@ -235,9 +341,22 @@ def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
     for name, found in list(standards.items())[:MOST_ROWS]:
         facts = next((one for one in found if one.standard.startswith("VDI")), None)
         if facts is not None:
-            rows.append((name, facts.standard, *(shown(getattr(facts, figure), 2) for figure in VDI_FIGURES)))
+            rows.append(
+                (
+                    name,
+                    facts.standard,
+                    *(shown(getattr(facts, figure), 2) for figure in VDI_FIGURES),
+                )
+            )
     return (
-        Table(header=(words["setup"], words["standard"], *(f"{symbol} / µm" for symbol in VDI_FIGURES.values())), rows=rows)
+        Table(
+            header=(
+                words["setup"],
+                words["standard"],
+                *(f"{symbol} / µm" for symbol in VDI_FIGURES.values()),
+            ),
+            rows=rows,
+        )
         if rows
         else None
     )
@@ -254,7 +373,15 @@ def _with_u(facts: StandardFigures, name: str) -> str:
     return even(_figure(facts, name), u.get(name, u.get(f"{name}_d")))
 
 
-HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um", "misclosure")
+HEAD_FIGURES = (
+    "passes",
+    "end_point_um",
+    "least_squares_um",
+    "minimum_zone_um",
+    "u_um",
+    "residual_um",
+    "misclosure",
+)
 
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -262,8 +389,18 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
     it (``head_straightness``).
     """
     measured = result.head_straightness or {}
-    rows = [(name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES)) for name, facts in measured.items()]
-    return Table(header=(words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES)), rows=rows) if rows else None
+    rows = [
+        (name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES))
+        for name, facts in measured.items()
+    ]
+    return (
+        Table(
+            header=(words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES)),
+            rows=rows,
+        )
+        if rows
+        else None
+    )
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -285,16 +422,33 @@ def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
     if fit is None or fit.chi_square is None or not fit.degrees_of_freedom:
         return ""
     free = fit.degrees_of_freedom
-    return words["chi_square_lead"].format(found=f"{fit.chi_square:.0f}", free=free, scatter=f"{2.0 * (2.0 * free) ** 0.5:.0f}")
+    return words["chi_square_lead"].format(
+        found=f"{fit.chi_square:.0f}", free=free, scatter=f"{2.0 * (2.0 * free) ** 0.5:.0f}"
+    )
 
 
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
     """Return in words every quantity that the data do not give: functions, squarenesses, scales."""
-    functions = [f"{name}" for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is None]
+    functions = [
+        f"{name}"
+        for name in (*DISPLACEMENTS, *ROTATIONS)
+        if name in result.errors and result.errors[name].value is None
+    ]
     angles = [name for name in ROTATIONS if name not in result.errors]
-    squareness = [f"{name} ({words[f'squareness_{name}']})" for name, q in result.squareness.items() if q.value is None]
-    scales = [f"{words['scale']} {name}" for name, scale in result.scale.items() if not scale.identified]
-    return [*scales, *squareness, *functions, *([f"{words['angles']}: {', '.join(angles)}"] if angles else [])]
+    squareness = [
+        f"{name} ({words[f'squareness_{name}']})"
+        for name, q in result.squareness.items()
+        if q.value is None
+    ]
+    scales = [
+        f"{words['scale']} {name}" for name, scale in result.scale.items() if not scale.identified
+    ]
+    return [
+        *scales,
+        *squareness,
+        *functions,
+        *([f"{words['angles']}: {', '.join(angles)}"] if angles else []),
+    ]
 
 
 def remarks(result: Result, words: Mapping[str, str], language: Language) -> list[Remark]:
@@ -330,7 +484,10 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return the largest unseen slip of the count, if the result has it (``unseen_slip``)."""
-    rows = [(shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um))) for each in result.unseen_slip or ()]
+    rows = [
+        (shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um)))
+        for each in result.unseen_slip or ()
+    ]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
     return Table(header=header, rows=rows) if rows else None
 
@@ -340,25 +497,45 @@ def _size(um: float | None) -> str:
     return shown(um, None if um is None else decimals_of(um))
 
 
-def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, str]) -> Table | None:
-    """Return U (k = 2) of every quantity and its three largest sources in percent of the square of U; None without a budget."""
+def budget_table(
+    result: Result, units: Mapping[str, str], words: Mapping[str, str]
+) -> Table | None:
+    """Return U (k = 2) of every quantity and its three largest sources in percent of the square of
+    U; None without a budget."""
     rows = []
     for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
         total = sum(share**2 for share in sources.values())
         largest = sorted(sources.items(), key=lambda item: (-item[1], item[0]))[:3]
         named = [
-            f"{source_words(source, words)} {100.0 * share**2 / total:.0f}\N{NO-BREAK SPACE}%" if total else shown(None)
+            f"{source_words(source, words)} {100.0 * share**2 / total:.0f}\N{NO-BREAK SPACE}%"
+            if total
+            else shown(None)
             for source, share in largest
         ]
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
         title = quantity_words(quantity, words)
         expanded = COVERAGE * total**0.5
-        rows.append((title, f"{shown(expanded, decimals_of_u(expanded))} {UNITS.get(unit, unit)}", *named, *[""] * (3 - len(named))))
-    return Table(header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))), rows=rows[:MOST_ROWS]) if rows else None
+        rows.append(
+            (
+                title,
+                f"{shown(expanded, decimals_of_u(expanded))} {UNITS.get(unit, unit)}",
+                *named,
+                *[""] * (3 - len(named)),
+            )
+        )
+    return (
+        Table(
+            header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))),
+            rows=rows[:MOST_ROWS],
+        )
+        if rows
+        else None
+    )
 
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
-    """Return a quantity of the budget in words: a function, what is left of it, a scale, a squareness."""
+    """Return a quantity of the budget in words: a function, what is left of it, a scale, a
+    squareness."""
     if quantity in (SCALE_SUM, VOLUME):
         return words["scale_sum" if quantity == SCALE_SUM else "quantity_volume"]
     kind, _, name = (f"scale {quantity}" if quantity in AXIS_LETTERS else quantity).rpartition(" ")
@@ -375,5 +552,8 @@ def assumptions_table(result: Result, words: Mapping[str, str], language: Langua
     (``budget.assumptions``).
     """
     known = {} if result.budget is None else result.budget.assumptions
-    rows = [(source_words(source, words), rendered(text, language)) for source, text in list(known.items())[:MOST_ROWS]]
+    rows = [
+        (source_words(source, words), rendered(text, language))
+        for source, text in list(known.items())[:MOST_ROWS]
+    ]
     return Table(header=(), rows=rows) if rows else None

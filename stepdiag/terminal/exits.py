@@ -5,18 +5,31 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from stepdiag.base.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError, system_words
+from stepdiag.base.errors import (
+    DataError,
+    DeviceError,
+    SafetyError,
+    StepdiagError,
+    UsageError,
+    system_words,
+)
 from stepdiag.base.messages import Words, message
 from stepdiag.terminal.printable import micro_shown, printable
 from stepdiag.terminal.viewer import shown
 
-EXIT_CODES: dict[type[StepdiagError], int] = {UsageError: 2, DataError: 3, DeviceError: 4, SafetyError: 5}
+EXIT_CODES: dict[type[StepdiagError], int] = {
+    UsageError: 2,
+    DataError: 3,
+    DeviceError: 4,
+    SafetyError: 5,
+}
 INTERRUPTED = 130
 
 
 @contextmanager
 def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
-    """Write a refusal to standard error, as ``written``, and leave with the exit code of its cause."""
+    """Write a refusal to standard error, as ``written``, and leave with the exit code of its
+    cause."""
     micro_shown()
     try:
         yield
@@ -32,7 +45,8 @@ def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
 
 @contextmanager
 def failed_writing_shown() -> Iterator[None]:
-    """Make a refusal of what the system does not let a command write or read: a full disk, no right, a terminal without the letter.
+    """Make a refusal of what the system does not let a command write or read: a full disk, no
+    right, a terminal without the letter.
 
     Not around the daemon: what the system refuses it for a while is no wrong usage.
     """
@@ -48,9 +62,11 @@ def failed_writing_shown() -> Iterator[None]:
         _close_output()
         letters = error.object[error.start : error.end]
         raise UsageError(
-            message("the-terminal"), expected=message("encoding-with", letters=ascii(letters[:20])), found=error.encoding,
+            message("the-terminal"),
+            expected=message("encoding-with", letters=ascii(letters[:20])),
+            found=error.encoding,
             remedy=message("set-utf-8"),
-        ) from error  # fmt: skip
+        ) from error
     except OSError as error:
         if isinstance(error, StepdiagError):
             raise

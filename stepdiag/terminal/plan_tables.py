@@ -28,36 +28,62 @@ _ANGLES = {"assumed": message("angles-assumed"), "solved": message("angles-solve
 
 def in_words(forecast: Forecast) -> Words:
     """Return runs, time, volumetric uncertainty and how the angular errors are dealt with."""
-    runs = ", ".join(run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs)
+    runs = ", ".join(
+        run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs
+    )
     hours, minutes = divmod(round(forecast.minutes), 60)
     about = message(
-        "forecast", runs=runs, hours=hours, minutes=f"{minutes:02d}", left=forecast.left_um.words(), best=forecast.left_um.best(),
+        "forecast",
+        runs=runs,
+        hours=hours,
+        minutes=f"{minutes:02d}",
+        left=forecast.left_um.words(),
+        best=forecast.left_um.best(),
         angles=_ANGLES[forecast.angles],
-    )  # fmt: skip
+    )
     return joined([about, *_slips(forecast.ahead)])
 
 
 def _slips(ahead: Foresight) -> Iterator[Words]:
-    """Yield how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
+    """Yield how large a slip of the laser's count may be without being noticed, and what it makes;
+    nothing without a diagonal."""
     if ahead.unseen is not None:
         nearly_um = ahead.unseen.nearly_um
-        yield ahead.hides() if nearly_um is None else message("noticed-from", what=ahead.hides(), nearly_um=nearly_um)
+        yield (
+            ahead.hides()
+            if nearly_um is None
+            else message("noticed-from", what=ahead.hides(), nearly_um=nearly_um)
+        )
 
 
 def forecast_table(forecast: Forecast) -> Table:
-    """Return the expanded uncertainty of every quantity; a quantity that the survey does not identify is named as such."""
+    """Return the expanded uncertainty of every quantity; a quantity that the survey does not
+    identify is named as such."""
     table = empty_table(message("table-forecast"))
-    rows = ((message("row-positioning"), ("EXX", "EYY", "EZZ"), "µm"), (message("row-scale"), AXIS_LETTERS, "µm/m"))
+    rows = (
+        (message("row-positioning"), ("EXX", "EYY", "EZZ"), "µm"),
+        (message("row-scale"), AXIS_LETTERS, "µm/m"),
+    )
     for word, names, unit in rows:
         table.add_row(shown(word), *(_u(forecast, name) for name in names), unit)
     for component in "XYZ":
         cells = ["" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"]
         table.add_row(shown(message("row-straightness", axis=component)), *cells, "µm")
     for component, about in zip("ABC", "XYZ", strict=True):
-        table.add_row(shown(message("row-rotation", axis=about)), *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "µrad")
+        table.add_row(
+            shown(message("row-rotation", axis=about)),
+            *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"),
+            "µrad",
+        )
     table.add_section()
     for name, pair in zip(SQUARENESS, ("YX", "ZX", "ZY"), strict=True):
-        table.add_row(shown(message("row-squareness", name=name, one=pair[0], other=pair[1])), _u(forecast, name), "", "", "µrad")
+        table.add_row(
+            shown(message("row-squareness", name=name, one=pair[0], other=pair[1])),
+            _u(forecast, name),
+            "",
+            "",
+            "µrad",
+        )
     table.caption = shown(message("forecast-caption", what=_resolved(forecast)))
     return table
 
@@ -70,14 +96,21 @@ def _u(forecast: Forecast, name: str) -> str:
 def _resolved(forecast: Forecast) -> Message:
     if forecast.resolves_all:
         return message("resolves-all")
-    return message("resolves-some", count=len(forecast.resolved), of=len((*DISPLACEMENTS, *ROTATIONS)))
+    return message(
+        "resolves-some", count=len(forecast.resolved), of=len((*DISPLACEMENTS, *ROTATIONS))
+    )
 
 
 def front_table(advice: Advice, *, verbose: bool) -> Table:
-    """Return one row a survey that is worth its time, its lines by name where ``verbose``; below it the limits of control and head."""
+    """Return one row a survey that is worth its time, its lines by name where ``verbose``; below it
+    the limits of control and head."""
     table = empty_table(message("table-front"))
     for each in advice.front:
-        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), shown(lines_in_words(each.plan, by_name=verbose)))
+        table.add_row(
+            f"{each.minutes:.0f}",
+            each.left_um.best(),
+            shown(lines_in_words(each.plan, by_name=verbose)),
+        )
     table.caption = shown(joined([*_floor(advice), *_head(advice)]))
     return table
 
@@ -95,7 +128,8 @@ def _head(advice: Advice) -> Iterator[Message]:
 
 
 def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
-    """Return what a plan drives: its setups with their shifts, or how many of each kind where there are many, and how."""
+    """Return what a plan drives: its setups with their shifts, or how many of each kind where there
+    are many, and how."""
     lines = [_line(run) for run in plan.runs] if by_name or len(plan.runs) <= FEW else _kinds(plan)
     orders = next((run.axis_orders for run in plan.runs if run.axis_orders), ())
     first = plan.runs[0]
@@ -111,7 +145,8 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
 
 
 def _kinds(plan: Plan) -> list[Words]:
-    """Return how many lines of each kind a plan drives, those with a shifted laser counted beside."""
+    """Return how many lines of each kind a plan drives, those with a shifted laser counted
+    beside."""
     counted: list[Words] = []
     for kind, word in KINDS.items():
         runs = [run for run in plan.runs if setup_of(run.setup).kind == kind]
@@ -123,5 +158,7 @@ def _kinds(plan: Plan) -> list[Words]:
 
 
 def _line(run: Run) -> str:
-    shift = " ".join(f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value)
+    shift = " ".join(
+        f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value
+    )
     return f"{run.setup} ({shift} mm)" if shift else run.setup

@@ -12,23 +12,34 @@ def printable(text: str) -> str:
 
 
 class _PlainStream(TextIOWrapper):
-    """A stream of an encoding without the sign µ, under another name: typer writes UTF-8 past a stream whose encoding is ASCII."""
+    """A stream of an encoding without the sign µ, under another name: typer writes UTF-8 past a
+    stream whose encoding is ASCII."""
 
     encoding = "plain, um for micrometre"
 
 
 def micro_shown() -> None:
-    """Let standard output and error write ``um`` for µm where their encoding does not have the sign, such as ASCII or ISO 8859-2.
+    """Let standard output and error write ``um`` for µm where their encoding does not have the
+    sign, such as ASCII or ISO 8859-2.
 
-    ASCII writes any other letter as UTF-8, which loses nothing; another encoding treats it as before.
+    ASCII writes any other letter as UTF-8, which loses nothing; another encoding treats it as
+    before.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if not isinstance(stream, TextIOWrapper) or isinstance(stream, _PlainStream) or _has_micro(stream.encoding):
+        if (
+            not isinstance(stream, TextIOWrapper)
+            or isinstance(stream, _PlainStream)
+            or _has_micro(stream.encoding)
+        ):
             continue
         codecs.register_error(f"micro-{name}", _with_u(stream.errors or "strict"))
         encoding, buffered = stream.encoding, stream.line_buffering
-        setattr(sys, name, _PlainStream(stream.detach(), encoding, f"micro-{name}", line_buffering=buffered))
+        setattr(
+            sys,
+            name,
+            _PlainStream(stream.detach(), encoding, f"micro-{name}", line_buffering=buffered),
+        )
 
 
 def _has_micro(encoding: str) -> bool:

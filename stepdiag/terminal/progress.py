@@ -1,4 +1,5 @@
-"""Signs of life on standard error while something takes longer than a second; nothing where it is no terminal."""
+"""Signs of life on standard error while something takes longer than a second; nothing where it is
+no terminal."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -24,4 +25,6 @@ def counted(items: Iterable[Item], doing: Message, total: int) -> Iterator[Item]
     from rich.console import Console
     from rich.progress import track
 
-    yield from track(items, description=shown(doing), total=total, console=Console(stderr=True), transient=True)
+    yield from track(
+        items, description=shown(doing), total=total, console=Console(stderr=True), transient=True
+    )

@@ -1,4 +1,5 @@
-"""Results, effects of compensation files and findings as tables that a person reads in a terminal."""
+"""Results, effects of compensation files and findings as tables that a person reads in a
+terminal."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -17,7 +18,11 @@ from stepdiag.terminal.printable import printable
 from stepdiag.terminal.viewer import empty_table, print_lines, shown
 from stepdiag.texts.texts import UNITS
 
-MARKS: dict[Severity, Message] = {"error": message("mark-error"), "warning": message("mark-warning"), "info": message("mark-note")}
+MARKS: dict[Severity, Message] = {
+    "error": message("mark-error"),
+    "warning": message("mark-warning"),
+    "info": message("mark-note"),
+}
 
 _PARTS = {"without rigid motion": message("without-rigid-motion"), "as it is": message("as-it-is")}
 
@@ -26,8 +31,18 @@ def print_tables(result: Result) -> None:
     """Print a result: error functions, squareness, scales and mirror tilts."""
     console = Console()
     volume = result.volume
-    low, size = (" x ".join(f"{value:g}" for value in values) for values in (volume.origin_mm, volume.size_mm))
-    about = message("table-volume", size=size, low=low, increments=volume.increments, chain=result.chain, method=result.method)
+    low, size = (
+        " x ".join(f"{value:g}" for value in values)
+        for values in (volume.origin_mm, volume.size_mm)
+    )
+    about = message(
+        "table-volume",
+        size=size,
+        low=low,
+        increments=volume.increments,
+        chain=result.chain,
+        method=result.method,
+    )
     console.print(shown(about), markup=False, highlight=False)
     console.print(function_table(result))
     console.print(quantity_table(result))
@@ -44,37 +59,61 @@ def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
 
 
 def function_table(result: Result) -> Table:
-    """Return one row a function: range of its shape (end-point line removed), value at its end, largest uncertainty, what is known."""
+    """Return one row a function: range of its shape (end-point line removed), value at its end,
+    largest uncertainty, what is known."""
     table = empty_table(message("table-functions"))
     for name in (*DISPLACEMENTS, *(name for name in result.errors if name not in DISPLACEMENTS)):
         function = result.errors[name]
-        table.add_row(name, *_function_row(name, function), style="" if function.value is not None else "dim")
+        table.add_row(
+            name, *_function_row(name, function), style="" if function.value is not None else "dim"
+        )
     return table
 
 
 def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
-    """Return the cells behind the name. A straightness has no end value: its end-point line is in the squareness."""
+    """Return the cells behind the name. A straightness has no end value: its end-point line is in
+    the squareness."""
     if function.value is None:
         return "-", "-", "-", UNITS[function.unit], shown(message("identified-no"))
     end = float(function.value[-1] - function.value[0])
-    along = (function.position_mm - function.position_mm[0]) / (function.position_mm[-1] - function.position_mm[0])
+    along = (function.position_mm - function.position_mm[0]) / (
+        function.position_mm[-1] - function.position_mm[0]
+    )
     expanded = None if function.u is None else COVERAGE * float(np.max(function.u))
-    known = shown(message("identified-yes") if function.slope_identified else message("identified-shape"))
+    known = shown(
+        message("identified-yes") if function.slope_identified else message("identified-shape")
+    )
     straightness = name in DISPLACEMENTS and name[1] != name[2]
     end_shown = _shown(end) if function.slope_identified and not straightness else "-"
-    return _shown(float(np.ptp(function.value - end * along))), end_shown, _shown(expanded), UNITS[function.unit], known
+    return (
+        _shown(float(np.ptp(function.value - end * along))),
+        end_shown,
+        _shown(expanded),
+        UNITS[function.unit],
+        known,
+    )
 
 
 def quantity_table(result: Result) -> Table:
     """Return one row a squareness and a scale, with expanded uncertainty."""
     table = empty_table(message("table-quantities"))
     numbers = [(name, q.value, q.u, UNITS[q.unit]) for name, q in result.squareness.items()]
-    numbers += [(shown(message("scale-name", axis=axis)), scale.value, scale.u, UNITS[scale.unit]) for axis, scale in result.scale.items()]
+    numbers += [
+        (shown(message("scale-name", axis=axis)), scale.value, scale.u, UNITS[scale.unit])
+        for axis, scale in result.scale.items()
+    ]
     for name, value, u, unit in numbers:
         expanded = None if u is None else COVERAGE * u
         known = shown(message("identified-no") if value is None else message("identified-yes"))
         decimals = 2 if expanded is None else decimals_of_u(expanded)
-        table.add_row(name, _shown(value, decimals), _shown(expanded, decimals), unit, known, style="dim" if value is None else "")
+        table.add_row(
+            name,
+            _shown(value, decimals),
+            _shown(expanded, decimals),
+            unit,
+            known,
+            style="dim" if value is None else "",
+        )
     return table
 
 
@@ -82,28 +121,46 @@ def setup_table(result: Result) -> Table:
     """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
     table = empty_table(message("table-setups"))
     for name, facts in result.setups.items():
-        table.add_row(Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um)))
+        table.add_row(
+            Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um))
+        )
     return table
 
 
 def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
     """Yield one line a finding, the most serious first: how serious, its code, its words."""
     for severity, mark in MARKS.items():
-        yield from (f"{shown(mark):<8}{printable(each.code)}: {shown(each.words)}" for each in findings if each.severity == severity)
+        yield from (
+            f"{shown(mark):<8}{printable(each.code)}: {shown(each.words)}"
+            for each in findings
+            if each.severity == severity
+        )
 
 
 def effect_table(prediction: Prediction) -> Table:
-    """Return the volumetric error before and after, with and without the rigid motion of the volume, as intervals in um."""
-    what = message("effect-of-volume") if prediction.drawn.volume.solid else message("effect-of-axes")
+    """Return the volumetric error before and after, with and without the rigid motion of the
+    volume, as intervals in um."""
+    what = (
+        message("effect-of-volume") if prediction.drawn.volume.solid else message("effect-of-axes")
+    )
     table = empty_table(message("table-effect", what=what))
     for name, figures in prediction.predicted.parts().items():
-        table.add_row(shown(message("effect-largest", part=_PARTS[name])), *(shown(each.largest_um.bound()) for each in figures.values()))
-        table.add_row(shown(message("effect-rms", part=_PARTS[name])), *(shown(each.rms_um.words()) for each in figures.values()))
+        table.add_row(
+            shown(message("effect-largest", part=_PARTS[name])),
+            *(shown(each.largest_um.bound()) for each in figures.values()),
+        )
+        table.add_row(
+            shown(message("effect-rms", part=_PARTS[name])),
+            *(shown(each.rms_um.words()) for each in figures.values()),
+        )
     return table
 
 
-def conclusion_lines(words: Mapping[str, Sequence[str]], titles: Mapping[str, str]) -> Iterator[str]:
-    """Yield the conclusion, section by section under its title; ``words`` and ``titles`` go by the names of the sections."""
+def conclusion_lines(
+    words: Mapping[str, Sequence[str]], titles: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield the conclusion, section by section under its title; ``words`` and ``titles`` go by the
+    names of the sections."""
     for section, sentences in words.items():
         if sentences:
             yield titles[section]

@@ -15,9 +15,14 @@ if TYPE_CHECKING:
 
 
 def viewers_language() -> Language:
-    """Return the language that the environment names for messages (POSIX: LC_ALL before LC_MESSAGES before LANG), or English."""
-    named = next((value for name in ("LC_ALL", "LC_MESSAGES", "LANG") if (value := os.environ.get(name))), "")
-    return next((language for language in LANGUAGES if named.split("_")[0].split(".")[0] == language), "en")
+    """Return the language that the environment names for messages (POSIX: LC_ALL before LC_MESSAGES
+    before LANG), or English."""
+    named = next(
+        (value for name in ("LC_ALL", "LC_MESSAGES", "LANG") if (value := os.environ.get(name))), ""
+    )
+    return next(
+        (language for language in LANGUAGES if named.split("_")[0].split(".")[0] == language), "en"
+    )
 
 
 def language_named(wanted: str) -> Language:
@@ -36,14 +41,18 @@ def print_words(words: Words, *, err: bool = False) -> None:
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Print lines of text: wrapped at words on a terminal, under their own indent; whole where a file or a program reads them."""
+    """Print lines of text: wrapped at words on a terminal, under their own indent; whole where a
+    file or a program reads them."""
     from rich.console import Console
 
     console = Console(markup=False, highlight=False)
     for line in lines:
         indent = " " * (len(line) - len(line.lstrip()) + 2)
         width = console.width if console.is_terminal else max(len(line), 1)
-        console.print(textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False), soft_wrap=True)
+        console.print(
+            textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False),
+            soft_wrap=True,
+        )
 
 
 def shown(words: Words) -> str:
@@ -52,11 +61,14 @@ def shown(words: Words) -> str:
 
 
 def empty_table(about: Message) -> "Table":
-    """Return a table without rows; ``about`` is its title and its columns with | between them, < before a column of words."""
+    """Return a table without rows; ``about`` is its title and its columns with | between them, <
+    before a column of words."""
     from rich.table import Table
 
     title, *columns = shown(about).split("|")
     table = Table(title=title or None)
     for column in columns:
-        table.add_column(column.removeprefix("<"), justify="left" if column.startswith("<") else "right")
+        table.add_column(
+            column.removeprefix("<"), justify="left" if column.startswith("<") else "right"
+        )
     return table

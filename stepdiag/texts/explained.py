@@ -39,27 +39,39 @@ class Explanation:
     words: dict[Language, Words]
 
     def action_at(self, severity: Severity) -> Action:
-        """Return what a person does at a severity: a mere warning of an export is accepted by its code, a remark is known."""
-        return self.action if severity == "error" or self.group not in ("export", "remark") else _OF_AN_EXPORT[severity]
+        """Return what a person does at a severity: a mere warning of an export is accepted by its
+        code, a remark is known."""
+        return (
+            self.action
+            if severity == "error" or self.group not in ("export", "remark")
+            else _OF_AN_EXPORT[severity]
+        )
 
 
 @cache
 def _tables() -> dict[str, Any]:
-    return tomllib.loads(files("stepdiag.texts").joinpath("findings.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        files("stepdiag.texts").joinpath("findings.toml").read_text(encoding="utf-8")
+    )
 
 
 @cache
 def explanations() -> dict[str, Explanation]:
     """Return code -> explanation, in the order of the documentation."""
     return {
-        code: Explanation(group=group, action=entry["action"], words={language: Words(**entry[language]) for language in LANGUAGES})
+        code: Explanation(
+            group=group,
+            action=entry["action"],
+            words={language: Words(**entry[language]) for language in LANGUAGES},
+        )
         for group in GROUPS
         for code, entry in _tables()[group].items()
     }
 
 
 def keys_of(old: str) -> tuple[str, ...]:
-    """Return the keys (code, or code and variant) that a code of an older version has now; another code alone."""
+    """Return the keys (code, or code and variant) that a code of an older version has now; another
+    code alone."""
     return tuple(_tables()["renamed"].get(old, [old]))
 
 

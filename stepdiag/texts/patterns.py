@@ -1,14 +1,17 @@
-"""The sentences of all messages: patterns with typed slots, in every language, one file a floor (``messages/*.toml``).
+"""The sentences of all messages: patterns with typed slots, in every language, one file a floor
+(``messages/*.toml``).
 
 A slot's format is its type, the same in every language:
 
     {name}            a name shown as it stands (setup, axis, file, field), or a message
     {count:d}         a whole number
     {size_um:+.1f}    a number; its unit is in its name
-    {names:list}      names or messages with commas between them; ``each`` with semicolons, ``or`` and ``and`` with that word
+    {names:list}      names or messages with commas between them; ``each`` with semicolons, ``or``
+    and ``and`` with that word
     {stops:stops}     whole numbers as ranges: 5-7, 9
 
-A key of ``[finding]`` is a code, or a code and a variant behind a dot (``"stop-outlier.alone"``); a key of ``[phrase]`` is held by others.
+A key of ``[finding]`` is a code, or a code and a variant behind a dot (``"stop-outlier.alone"``); a
+key of ``[phrase]`` is held by others.
 """
 
 import tomllib
@@ -41,18 +44,24 @@ Pattern = tuple[tuple[str, Slot | None], ...]
 @cache
 def tables(floor: str) -> dict[str, dict[str, dict[Language, str]]]:
     """Return the tables of a floor's file: ``finding`` and ``phrase``, key -> language -> words."""
-    return tomllib.loads(files("stepdiag.texts").joinpath("messages", f"{floor}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        files("stepdiag.texts").joinpath("messages", f"{floor}.toml").read_text(encoding="utf-8")
+    )
 
 
 @cache
 def sentences() -> dict[str, dict[Language, Pattern]]:
-    """Return key -> language -> pattern of every floor. Raises ValueError for a key, a translation or a slot that is wrong."""
+    """Return key -> language -> pattern of every floor. Raises ValueError for a key, a translation
+    or a slot that is wrong."""
     known: dict[str, dict[Language, Pattern]] = {}
     for floor in FLOORS:
         both = tables(floor)
         for key, words in (*both["finding"].items(), *both["phrase"].items()):
             if key in known or set(words) != set(LANGUAGES):
-                raise ValueError(f"{floor}.toml: {key}: expected one entry with {', '.join(LANGUAGES)}, found {', '.join(words)}")
+                raise ValueError(
+                    f"{floor}.toml: {key}: expected one entry with {', '.join(LANGUAGES)}, found "
+                    f"{', '.join(words)}"
+                )
             known[key] = {language: pattern_of(words[language]) for language in LANGUAGES}
             if len({frozenset(_slots(pattern).items()) for pattern in known[key].values()}) > 1:
                 raise ValueError(f"{floor}.toml: {key}: expected the same slots in every language")
@@ -67,13 +76,17 @@ def findings() -> frozenset[str]:
 
 @cache
 def slots(key: str) -> dict[str, Kind]:
-    """Return the arguments of a message and their types. Raises KeyError for a key that no floor has."""
+    """Return the arguments of a message and their types. Raises KeyError for a key that no floor
+    has."""
     return _slots(sentences()[key]["en"])
 
 
 def pattern_of(words: str) -> Pattern:
     """Return a sentence with its slots. Raises ValueError for a format that is none."""
-    return tuple((literal, None if name is None else _slot(name, form or "")) for literal, name, form, _ in Formatter().parse(words))
+    return tuple(
+        (literal, None if name is None else _slot(name, form or ""))
+        for literal, name, form, _ in Formatter().parse(words)
+    )
 
 
 def _slot(name: str, form: str) -> Slot:

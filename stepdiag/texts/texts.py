@@ -12,9 +12,20 @@ Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 SECTIONS = ("common", "conclusion", "report", "page", "fleet")
 UNITS = {
-    "um": "µm", "urad": "µrad", "um/m": "µm/m", "um/h": "µm/h", "um/stop": "µm/stop", "nm": "nm", "mm": "mm", "mrad": "mrad",
-    "arcsec": "arcsec", "c": "°C", "hpa": "hPa", "percent": "%", "s": "s",
-}  # fmt: skip
+    "um": "µm",
+    "urad": "µrad",
+    "um/m": "µm/m",
+    "um/h": "µm/h",
+    "um/stop": "µm/stop",
+    "nm": "nm",
+    "mm": "mm",
+    "mrad": "mrad",
+    "arcsec": "arcsec",
+    "c": "°C",
+    "hpa": "hPa",
+    "percent": "%",
+    "s": "s",
+}
 """Units as a person reads them, by their name in results and in the names of arguments."""
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
@@ -32,9 +43,15 @@ def catalogue(section: str, language: Language) -> dict[str, str]:
 
 
 def help_texts(language: Language) -> dict[str, dict[str, str]]:
-    """Return command -> option -> help; the option "" is the command itself, the command "*" what several commands have."""
-    tables = tomllib.loads(files("stepdiag.texts").joinpath("help.toml").read_text(encoding="utf-8"))
-    return {command: {option: words[language] for option, words in options.items()} for command, options in tables.items()}
+    """Return command -> option -> help; the option "" is the command itself, the command "*" what
+    several commands have."""
+    tables = tomllib.loads(
+        files("stepdiag.texts").joinpath("help.toml").read_text(encoding="utf-8")
+    )
+    return {
+        command: {option: words[language] for option, words in options.items()}
+        for command, options in tables.items()
+    }
 
 
 def localised(text: str, language: Language) -> str:

@@ -1,4 +1,5 @@
-"""``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a process of its own.
+"""``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a process of
+its own.
 
 It prints a JSON line when it is ready, with the addresses of its devices, and a line for every
 event of the program. Commands come line by line on standard input: ``start`` begins the next setup,
@@ -34,7 +35,8 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         sys.stderr.write(f"{options.config}: {error}\n")
         return 2
-    # the devices can be reached from here on, and every line about the program stands after this one
+    # the devices can be reached from here on, and every line about the program stands after this
+    # one
     _print({"event": "ready", **bench.addresses})
     with bench:
         threading.Thread(target=_listen, args=(bench, done), name="commands", daemon=True).start()
@@ -43,9 +45,15 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m stepdiag.virtual", description="A virtual machine, PLC and laser.")
-    parser.add_argument("--config", type=Path, help="TOML file; without it a machine with all defaults")
-    parser.add_argument("--directory", type=Path, default=Path(), help="where the links of the serial lines appear")
+    parser = argparse.ArgumentParser(
+        prog="python -m stepdiag.virtual", description="A virtual machine, PLC and laser."
+    )
+    parser.add_argument(
+        "--config", type=Path, help="TOML file; without it a machine with all defaults"
+    )
+    parser.add_argument(
+        "--directory", type=Path, default=Path(), help="where the links of the serial lines appear"
+    )
     return parser.parse_args(arguments)
 
 

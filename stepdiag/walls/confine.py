@@ -49,13 +49,19 @@ def die_with_parent() -> None:
 
 
 def readable_by_program(folder: Path) -> Sequence[Path]:
-    """Return what of the disk a process reads: the program, its libraries, and a survey's folder, or where that will be made."""
-    libraries = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime") if place]
+    """Return what of the disk a process reads: the program, its libraries, and a survey's folder,
+    or where that will be made."""
+    libraries = [
+        Path(place)
+        for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime")
+        if place
+    ]
     return (next(each for each in (folder, *folder.parents) if each.exists()), PROGRAM, *libraries)
 
 
 def confine(readable: Iterable[Path]) -> Sequence[str]:
-    """Give up for good everything but reading below ``readable`` and what is open already; return what is still open to this process."""
+    """Give up for good everything but reading below ``readable`` and what is open already; return
+    what is still open to this process."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
     return _walled(readable)
@@ -73,15 +79,25 @@ def _walled(readable: Iterable[Path], calls: int = 0) -> Sequence[str]:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _call("prctl", _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     version = _shut_in(readable, calls)
-    shut = (_BY_CALLS - (_NETWORK if calls else set())) if shut_calls(network=bool(calls)) else set()
+    shut = (
+        (_BY_CALLS - (_NETWORK if calls else set())) if shut_calls(network=bool(calls)) else set()
+    )
     return tuple(what for what, since in OPEN.items() if version < since and what not in shut)
 
 
 OPEN = {
-    "reading the disk and the memory of its account": 1, "writing the disk": 1, "cutting off files": 3, "TCP": 4, "devices": 5,
-    "signals": 6, "abstract sockets": 6, "UDP and other sockets": 99, "limits and priority of other processes": 99,
-    "attributes of files": 99, "new processes": 99,
-}  # fmt: skip
+    "reading the disk and the memory of its account": 1,
+    "writing the disk": 1,
+    "cutting off files": 3,
+    "TCP": 4,
+    "devices": 5,
+    "signals": 6,
+    "abstract sockets": 6,
+    "UDP and other sockets": 99,
+    "limits and priority of other processes": 99,
+    "attributes of files": 99,
+    "new processes": 99,
+}
 """Possible harm to other processes, each with the version of Landlock that prevents it; 99 is
 none.
 """
@@ -93,7 +109,9 @@ _BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
 def _shut_in(readable: Iterable[Path], calls: int) -> int:
     """Set up Landlock; return the version that holds, 0 for none."""
     version = max(_call("syscall", _LANDLOCK_CREATE, None, 0, _CREATE_VERSION), 0)
-    disk = _ALL_OF_THE_DISK | sum(right for since, right in _MORE_OF_THE_DISK.items() if version >= since)
+    disk = _ALL_OF_THE_DISK | sum(
+        right for since, right in _MORE_OF_THE_DISK.items() if version >= since
+    )
     known = 1 + (version >= 4) + (version >= 6)
     attributes = struct.pack(f"{known}Q", *(disk, _BIND | _CONNECT, _SCOPES)[:known])
     rules = _call("syscall", _LANDLOCK_CREATE, attributes, len(attributes), 0) if version else -1
@@ -103,7 +121,9 @@ def _shut_in(readable: Iterable[Path], calls: int) -> int:
         for path in readable:
             _allow(rules, path)
         if calls and version >= 4:
-            _call("syscall", _LANDLOCK_ADD, rules, _RULE_PORT, struct.pack("=QQ", _CONNECT, calls), 0)
+            _call(
+                "syscall", _LANDLOCK_ADD, rules, _RULE_PORT, struct.pack("=QQ", _CONNECT, calls), 0
+            )
         return version if _call("syscall", _LANDLOCK_RESTRICT, rules, 0) == 0 else 0
     finally:
         os.close(rules)
@@ -122,6 +142,7 @@ def _allow(rules: int, path: Path) -> None:
 
 
 def _call(function: str, *arguments: object) -> int:
-    """Call a variadic function of the C library with every number as wide as a register; return -1 where the kernel refuses."""
+    """Call a variadic function of the C library with every number as wide as a register; return -1
+    where the kernel refuses."""
     wide = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
     return int(getattr(ctypes.CDLL(None, use_errno=True), function)(*wide))

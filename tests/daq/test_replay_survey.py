@@ -55,7 +55,8 @@ PATTERN = next(line for line in RECORDED.splitlines() if line.startswith("patter
 ALONE = RECORDED[: RECORDED.index("[[export]]")]
 NEVER_READ = {
     "looks ahead": r"pattern = '(?=\d)(?P<counter>\d+) (?P<position>-?\d+\.\d+) (?P<beam>\d\.\d+)'",
-    "says again what it found": r"pattern = '(?P<counter>(\d)\2*\d*) (?P<position>-?\d+\.\d+) (?P<beam>\d\.\d+)'",
+    "says again what it found": r"pattern = '(?P<counter>(\d)\2*\d*) (?P<position>-?\d+\.\d+) "
+    r"(?P<beam>\d\.\d+)'",
     "is none": r"pattern = '(?P<counter>\d+) (?P<position>'",
 }
 EVIL = r"pattern = '(?P<counter>(\d+)+) (?P<position>(-?\d+\.?)+) (?P<beam>\d\.\d+)'"
@@ -63,28 +64,41 @@ EVIL = r"pattern = '(?P<counter>(\d+)+) (?P<position>(-?\d+\.?)+) (?P<beam>\d\.\
 
 
 @pytest.mark.parametrize("pattern", NEVER_READ)
-def test_a_pattern_that_cannot_be_held_is_named_with_the_way_out_and_the_way_works(tmp_path: Path, pattern: str) -> None:
-    """At the command line, with a log whose stops were captured: the replacement brings back the same stops."""
+def test_a_pattern_that_cannot_be_held_is_named_with_the_way_out_and_the_way_works(
+    tmp_path: Path, pattern: str
+) -> None:
+    """At the command line, with a log whose stops were captured: the replacement brings back the
+    same stops."""
     (tmp_path / "0001.mcap").write_bytes(with_survey(ALONE.replace(PATTERN, NEVER_READ[pattern])))
     refused = stepdiag("replay", tmp_path / "0001.mcap", "--out", tmp_path / "none")
     assert (refused.code, "replay --survey FILE" in refused.refusal) == (2, True), refused
     good = tmp_path / "good.toml"
     good.write_text(ALONE, encoding="utf-8")
-    again = stepdiag("replay", tmp_path / "0001.mcap", "--survey", good, "--out", tmp_path / "again")
+    again = stepdiag(
+        "replay", tmp_path / "0001.mcap", "--survey", good, "--out", tmp_path / "again"
+    )
     assert again.code == 0, again
     (tmp_path / "whole").mkdir()
     (tmp_path / "whole/0001.mcap").write_bytes(with_survey(ALONE))
     assert stepdiag("replay", tmp_path / "whole/0001.mcap", "--out", tmp_path / "as").code == 0
-    assert (tmp_path / "again/readings.csv").read_bytes() == (tmp_path / "as/readings.csv").read_bytes()
+    assert (tmp_path / "again/readings.csv").read_bytes() == (
+        tmp_path / "as/readings.csv"
+    ).read_bytes()
 
 
 def test_an_evil_pattern_reads_a_log_in_linear_time(tmp_path: Path) -> None:
-    """RE2 holds it, so it is no refusal; a minute is a thousand times what it takes, and far from what a search step by step takes."""
+    """RE2 holds it, so it is no refusal; a minute is a thousand times what it takes, and far from
+    what a search step by step takes."""
     (tmp_path / "0001.mcap").write_bytes(with_survey(ALONE))
     evil = tmp_path / "evil.toml"
     evil.write_text(ALONE.replace(PATTERN, EVIL), encoding="utf-8")
     began = process_time()
-    assert stepdiag("replay", tmp_path / "0001.mcap", "--survey", evil, "--out", tmp_path / "again").code == 0
+    assert (
+        stepdiag(
+            "replay", tmp_path / "0001.mcap", "--survey", evil, "--out", tmp_path / "again"
+        ).code
+        == 0
+    )
     decoder = LineDecoder(LineSettings(pattern=EVIL.partition("'")[2][:-1]))
     decoder.feed((b"1" * 2000 + b"\n") * 50, 1)
     assert process_time() - began < 60

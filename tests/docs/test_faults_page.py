@@ -1,4 +1,5 @@
-"""The table of faults says what the tests show: every row names a test that exists and asks for what the row says is said."""
+"""The table of faults says what the tests show: every row names a test that exists and asks for
+what the row says is said."""
 
 import re
 from functools import cache
@@ -8,7 +9,11 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[2]
 PAGE = (CHECKOUT / "docs" / "faults.md").read_text(encoding="utf-8")
-ROWS = [line for line in PAGE.partition("| fault | what is said |")[2].partition("\n\n")[0].splitlines() if line.startswith("| ")]
+ROWS = [
+    line
+    for line in PAGE.partition("| fault | what is said |")[2].partition("\n\n")[0].splitlines()
+    if line.startswith("| ")
+]
 NO_FINDINGS = {"survey-open", "link-silent", "answers-late", "recorder", "status"}
 """Events of the journal, and commands."""
 
@@ -19,14 +24,22 @@ def suite():
     found: dict[str, str] = {}
     for path in (CHECKOUT / "tests").rglob("test_*.py"):
         found[path.stem] = found.get(path.stem, "") + path.read_text(encoding="utf-8")
-    found["test_files_after_faults"] += (CHECKOUT / "tests" / "lib" / "testkit" / "fault_cases.py").read_text(encoding="utf-8")
+    found["test_files_after_faults"] += (
+        CHECKOUT / "tests" / "lib" / "testkit" / "fault_cases.py"
+    ).read_text(encoding="utf-8")
     return found
 
 
 @cache
 def known_codes():
     """Return the codes that docs/findings.md explains."""
-    return set(re.findall(r"^\| `([a-z0-9-]+)` \|", (CHECKOUT / "docs" / "findings.md").read_text(encoding="utf-8"), flags=re.MULTILINE))
+    return set(
+        re.findall(
+            r"^\| `([a-z0-9-]+)` \|",
+            (CHECKOUT / "docs" / "findings.md").read_text(encoding="utf-8"),
+            flags=re.MULTILINE,
+        )
+    )
 
 
 def cells_of(row):

@@ -18,7 +18,11 @@ from stepdiag.daq.timing.samples import Flag
 from stepdiag.page.metrics import _Daemon
 
 DOCS = Path(__file__).parents[2] / "docs"
-FIELDS = {(channel.topic, name) for channel in (*CHANNELS, *DECODED_CHANNELS.values()) for name in channel.properties}
+FIELDS = {
+    (channel.topic, name)
+    for channel in (*CHANNELS, *DECODED_CHANNELS.values())
+    for name in channel.properties
+}
 
 
 def foxglove() -> list[tuple[str, str]]:
@@ -44,7 +48,10 @@ def test_every_panel_stands_in_the_layout_and_shows_a_topic_that_is_there() -> N
     placed = set(re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"])))
     assert placed == set(layout["configById"])
     topics = {channel.topic for channel in CHANNELS}
-    shown = {*layout["configById"]["3D!volume"]["topics"], layout["configById"]["RosOut!log"]["topicToRender"]}
+    shown = {
+        *layout["configById"]["3D!volume"]["topics"],
+        layout["configById"]["RosOut!log"]["topicToRender"],
+    }
     assert shown | {layout["configById"]["RawMessages!finding"]["topicPath"]} <= topics
 
 
@@ -103,17 +110,31 @@ FUNCTIONS = {"rate", "increase", "sum", "max", "by", "label_values"}
 
 
 def served() -> dict[str, set[str]]:
-    """Return the labels of every figure that the daemon can have for Prometheus, as Prometheus gets them."""
+    """Return the labels of every figure that the daemon can have for Prometheus, as Prometheus gets
+    them."""
     tally = Tally(stops=3, findings={"beam-lost": 2}, surveys={0: 1}, solve_s=2.5)
-    links = {name: LinkStatus(state="connected", address="", age_s=0.1) for name in ("laser", "machine")}
+    links = {
+        name: LinkStatus(state="connected", address="", age_s=0.1) for name in ("laser", "machine")
+    }
     now = Figures(
-        samples=10, lost_events=0, recording=True, recorder_blocked=False, backlog_bytes=0, disk_free_bytes=1, watchdog_age_s=0.1,
-        links=links, tally=tally,
-    )  # fmt: skip
+        samples=10,
+        lost_events=0,
+        recording=True,
+        recorder_blocked=False,
+        backlog_bytes=0,
+        disk_free_bytes=1,
+        watchdog_age_s=0.1,
+        links=links,
+        tally=tally,
+    )
     registry = CollectorRegistry()
     registry.register(_Daemon(now))
     told = generate_latest(registry).decode()
-    return {sample.name: set(sample.labels) for family in text_string_to_metric_families(told) for sample in family.samples}
+    return {
+        sample.name: set(sample.labels)
+        for family in text_string_to_metric_families(told)
+        for sample in family.samples
+    }
 
 
 def test_the_grafana_dashboard_is_whole_and_asks_for_nothing_but_figures_of_the_daemon() -> None:
@@ -136,6 +157,11 @@ def test_the_grafana_dashboard_is_whole_and_asks_for_nothing_but_figures_of_the_
 
 def test_no_panel_of_the_dashboard_lies_on_another() -> None:
     dashboard = msgspec.json.decode((DOCS / "layouts/grafana.json").read_bytes(), type=Dashboard)
-    cells = [(x, y) for p in (panel.gridPos for panel in dashboard.panels) for x in range(p.x, p.x + p.w) for y in range(p.y, p.y + p.h)]
+    cells = [
+        (x, y)
+        for p in (panel.gridPos for panel in dashboard.panels)
+        for x in range(p.x, p.x + p.w)
+        for y in range(p.y, p.y + p.h)
+    ]
     assert len(set(cells)) == len(cells)
     assert all(0 <= x < 24 for x, _ in cells)

@@ -9,12 +9,22 @@ FLOORS = ("daq", "solver", "exporters", "stepdiag")
 
 
 def nested_conditionals(tree: ast.Module) -> Iterator[int]:
-    """Yield the lines of returns and arguments that hold a conditional expression within another."""
+    """Yield the lines of returns and arguments that hold a conditional expression within
+    another."""
     for node in ast.walk(tree):
         held = [node.value] if isinstance(node, ast.Return) else []
-        held += [*node.args, *(keyword.value for keyword in node.keywords)] if isinstance(node, ast.Call) else []
+        held += (
+            [*node.args, *(keyword.value for keyword in node.keywords)]
+            if isinstance(node, ast.Call)
+            else []
+        )
         conditions = [each for each in held if isinstance(each, ast.IfExp)]
-        yield from (each.lineno for each in conditions for inner in ast.walk(each) if inner is not each and isinstance(inner, ast.IfExp))
+        yield from (
+            each.lineno
+            for each in conditions
+            for inner in ast.walk(each)
+            if inner is not each and isinstance(inner, ast.IfExp)
+        )
 
 
 def test_no_return_and_no_argument_holds_a_condition_within_a_condition() -> None:

@@ -1,4 +1,5 @@
-"""``python tests/fuzz/atheris_run.py TARGET [libFuzzer options]``: coverage-guided fuzzing of one reader (docs/security.md).
+"""``python tests/fuzz/atheris_run.py TARGET [libFuzzer options]``: coverage-guided fuzzing of one
+reader (docs/security.md).
 
 Needs the package atheris, which is not among the dependencies;
 the targets are those of tests/fuzz/test_foreign_files.py, ``list`` prints them.
@@ -29,8 +30,16 @@ def main() -> None:
     corpus.mkdir(parents=True, exist_ok=True)
     (corpus / "seed").write_bytes(seed)
     words = folder / "words.dict"
-    words.write_text("".join(f'"{_escaped(word)}"\n' for word in (*HOSTILE, *TOKENS) if len(word) < 60), encoding="ascii")
-    options = ["-timeout=20", "-rss_limit_mb=2048", f"-max_len={4 * len(seed) + 6000}", f"-dict={words}"]
+    words.write_text(
+        "".join(f'"{_escaped(word)}"\n' for word in (*HOSTILE, *TOKENS) if len(word) < 60),
+        encoding="ascii",
+    )
+    options = [
+        "-timeout=20",
+        "-rss_limit_mb=2048",
+        f"-max_len={4 * len(seed) + 6000}",
+        f"-dict={words}",
+    ]
     atheris.Setup([sys.argv[0], *options, *sys.argv[2:], str(corpus)], target)
     warnings.simplefilter("error")
     atheris.Fuzz()

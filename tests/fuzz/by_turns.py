@@ -1,7 +1,9 @@
-"""``python tests/fuzz/by_turns.py MINUTES [FINDINGS]``: every file door of the command line, by turns of equal computing.
+"""``python tests/fuzz/by_turns.py MINUTES [FINDINGS]``: every file door of the command line, by
+turns of equal computing.
 
-The next turn is always of the door that has computed least, so that on a computer with other work an hour still reaches all of them. What
-was found is printed and appended to FINDINGS (build/fuzz/found.jsonl) with the door and the seed that show it again.
+The next turn is always of the door that has computed least, so that on a computer with other work
+an hour still reaches all of them. What was found is printed and appended to FINDINGS
+(build/fuzz/found.jsonl) with the door and the seed that show it again.
 """
 
 import json
@@ -21,14 +23,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # as the program does, and before numpy is loaded
 sys.path.insert(0, str(Path(__file__).parents[1] / "lib"))
 
 from testkit.hostile.door import Door, how_it_broke
 from testkit.hostile.doors import doors
 
 CPU_S = 30.0
-"""For one command: three times what a file of hundreds of kilobytes may cost (tests/stepdiag/cli/test_cost_of_doors.py)."""
+"""For one command: three times what a file of hundreds of kilobytes may cost
+(tests/stepdiag/cli/test_cost_of_doors.py)."""
 MEMORY_BYTES = 2_000_000_000
 CHANGES = (1, 1, 1, 1, 2, 4)
 """Fields that are wrong at once: mostly one, since the second is seldom reached."""
@@ -69,7 +74,8 @@ def main() -> int:
 
 
 def by_turns(turns: dict[str, Turn], seconds: float) -> Iterator[str]:
-    """Yield the door that has computed least, until the clock has gone on by so much and every door had a turn."""
+    """Yield the door that has computed least, until the clock has gone on by so much and every door
+    had a turn."""
     end = time.monotonic() + seconds
     said = time.monotonic()
     while time.monotonic() < end or not all(turn.commands for turn in turns.values()):
@@ -80,7 +86,8 @@ def by_turns(turns: dict[str, Turn], seconds: float) -> Iterator[str]:
 
 
 def one_turn(turn: Turn, seed: int) -> str:
-    """Change the door's file as the seed says and go through; return what broke, empty where nothing did."""
+    """Change the door's file as the seed says and go through; return what broke, empty where
+    nothing did."""
     dice = random.Random(seed)
     begun = time.process_time()
     folder = Path(tempfile.mkdtemp(prefix="turn-"))
@@ -96,12 +103,16 @@ def one_turn(turn: Turn, seed: int) -> str:
 
 
 def changed(door: Door, dice: random.Random) -> str:
-    """Return the door's file with one field wrong, seldom more; a text that cannot be changed once more is taken as it is."""
+    """Return the door's file with one field wrong, seldom more; a text that cannot be changed once
+    more is taken as it is."""
     text = door.files[door.wrong]
     for _ in range(dice.choice(CHANGES)):
         try:
             text = door.change(text, dice)
-        except (ValueError, IndexError):  # the first change left nothing that still reads as such a file
+        except (
+            ValueError,
+            IndexError,
+        ):  # the first change left nothing that still reads as such a file
             break
     return text
 
@@ -129,8 +140,10 @@ def told(turns: dict[str, Turn], found: int | None) -> str:
     few = min(turns, key=lambda name: turns[name].commands)
     end = "" if found is None else f"; found: {found}"
     return (
-        f"{reached} of {len(turns)} doors, {sum(commands)} commands ({min(commands)} in {few!r}, median {statistics.median(commands):.0f}, "
-        f"{max(commands)}), {sum(cpu_s) / 60:.1f} minutes of computing ({min(cpu_s):.0f} to {max(cpu_s):.0f} s a door){end}"
+        f"{reached} of {len(turns)} doors, {sum(commands)} commands ({min(commands)} in {few!r}, "
+        f"median {statistics.median(commands):.0f}, "
+        f"{max(commands)}), {sum(cpu_s) / 60:.1f} minutes of computing ({min(cpu_s):.0f} to "
+        f"{max(cpu_s):.0f} s a door){end}"
     )
 
 

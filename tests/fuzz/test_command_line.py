@@ -1,4 +1,5 @@
-"""Every file door of the command line, with files that are right but for one field: a command is done or refused in words, never broken."""
+"""Every file door of the command line, with files that are right but for one field: a command is
+done or refused in words, never broken."""
 
 import os
 import random
@@ -16,7 +17,9 @@ DOORS = doors()
 
 
 @pytest.mark.parametrize("name", DOORS)
-def test_one_field_wrong_is_done_or_refused_in_words(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_one_field_wrong_is_done_or_refused_in_words(
+    name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     door = DOORS[name]
 
     @settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck), deadline=None)

@@ -1,4 +1,5 @@
-"""Whatever somebody else hands over, the worst that happens is a refusal: good files changed, cut, doubled, or nothing but noise."""
+"""Whatever somebody else hands over, the worst that happens is a refusal: good files changed, cut,
+doubled, or nothing but noise."""
 
 import os
 

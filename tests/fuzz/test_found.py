@@ -1,4 +1,5 @@
-"""What fuzzing and reading have found: each by the smallest input that showed it, with what somebody else is told now."""
+"""What fuzzing and reading have found: each by the smallest input that showed it, with what
+somebody else is told now."""
 
 import base64
 import json
@@ -86,9 +87,14 @@ def test_toml_of_many_dots_that_are_no_names_is_read():
     assert read_toml("\ufeff" + text, "mine")["a"] == {"b": {"c": 1.5}}
 
 
-@pytest.mark.parametrize("pattern", ["(?P<position>[a)", "(?P<position>" * 500, "(?P<position>(((a{999}){999}){999}))"])
+@pytest.mark.parametrize(
+    "pattern", ["(?P<position>[a)", "(?P<position>" * 500, "(?P<position>(((a{999}){999}){999}))"]
+)
 def test_a_pattern_that_cannot_be_held_is_refused(pattern):
-    text = survey_text().replace("pattern = '(?P<counter>\\d+) (?P<position>-?\\d+\\.\\d+) (?P<beam>\\d\\.\\d+)'", f"pattern = '{pattern}'")
+    text = survey_text().replace(
+        "pattern = '(?P<counter>\\d+) (?P<position>-?\\d+\\.\\d+) (?P<beam>\\d\\.\\d+)'",
+        f"pattern = '{pattern}'",
+    )
     assert pattern in text
     with pytest.raises(UsageError, match=r"laser\.line\.pattern"):
         parse_survey(text, "foreign")
@@ -97,7 +103,9 @@ def test_a_pattern_that_cannot_be_held_is_refused(pattern):
 def test_a_control_s_name_cannot_lead_out_of_the_folder():
     """The replay of a foreign log wrote REFUSED.txt wherever the log wanted."""
     with pytest.raises(UsageError, match=r"export\[0\]\.controller"):
-        parse_survey(survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n', "foreign")
+        parse_survey(
+            survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n', "foreign"
+        )
 
 
 def test_a_name_with_a_nul_is_no_file(tmp_path: Path):
@@ -107,16 +115,33 @@ def test_a_name_with_a_nul_is_no_file(tmp_path: Path):
 
 def test_what_a_profile_names_is_a_file_and_no_pipe_that_never_speaks(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe")
-    text = profile_text("neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean")
+    text = profile_text(
+        "neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean"
+    )
     (tmp_path / "p.toml").write_text(text.replace("existing = []", 'existing = ["pipe"]'))
-    with pytest.raises(UsageError, match=r"^p\.toml: machine\.existing: expected a readable file pipe, found pipe, which is none$"):
+    with pytest.raises(
+        UsageError,
+        match=r"^p\.toml: machine\.existing: expected a readable file pipe, found pipe, which is "
+        r"none$",
+    ):
         load_profile(tmp_path / "p.toml", CONTROLLERS["neutral"], VOLUME)
 
 
 def profile(controller: str, old: str, new: str) -> object:
-    text = profile_text(controller, steps_mm=(100.0, 100.0, 50.0), references_mm=(-200.0, 0.0, -100.0), direction="mean")
+    text = profile_text(
+        controller,
+        steps_mm=(100.0, 100.0, 50.0),
+        references_mm=(-200.0, 0.0, -100.0),
+        direction="mean",
+    )
     assert old in text
-    return parse_profile(text.replace(old, new, 1), "foreign", CONTROLLERS[controller], VOLUME, MACHINES[controller].files)
+    return parse_profile(
+        text.replace(old, new, 1),
+        "foreign",
+        CONTROLLERS[controller],
+        VOLUME,
+        MACHINES[controller].files,
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,9 +152,19 @@ def profile(controller: str, old: str, new: str) -> object:
         ("siemens", 'name = "AX1"', 'name = "X]=1\\nM30"', "axes.X.name"),
         ("siemens", "X = 50", f"X = {10**12}", "siemens.eec_points.X"),
         ("siemens", "X = 50", f"X = {10**400}", "siemens.eec_points.X"),
-        ("heidenhain", 'generation = "tnc640"', 'generation = "tnc640"\nassignment = "../C.CMA"', "heidenhain.assignment"),
+        (
+            "heidenhain",
+            'generation = "tnc640"',
+            'generation = "tnc640"\nassignment = "../C.CMA"',
+            "heidenhain.assignment",
+        ),
         ("neutral", "existing = []", 'existing = ["a\\u0000"]', "machine.existing"),
-        ("fanuc", "detection_unit_um = 1.0", "detection_unit_um = 1e-300", "fanuc.detection_unit_um"),
+        (
+            "fanuc",
+            "detection_unit_um = 1.0",
+            "detection_unit_um = 1e-300",
+            "fanuc.detection_unit_um",
+        ),
         ("neutral", 'name = "test machine"', 'name = "a\\u0000"', "machine.name"),
         ("fanuc", "reference_mm = -200.0", f"reference_mm = {10**30}", "axes.X.reference_mm"),
     ],
@@ -148,13 +183,18 @@ def test_a_step_that_gives_a_table_without_end_is_refused(step):
         lattice.lattice_of(made_result(), float(step))
 
 
-@pytest.mark.parametrize("text", ["{setup:>999999999}", "{setup!r}", "{setup:{count}}", "A\x00", "Ä", "A" * (LONGEST_TEXT + 1)])
+@pytest.mark.parametrize(
+    "text",
+    ["{setup:>999999999}", "{setup!r}", "{setup:{count}}", "A\x00", "Ä", "A" * (LONGEST_TEXT + 1)],
+)
 def test_a_text_for_the_plc_that_breaks_the_program_is_refused(text):
     with pytest.raises(UsageError, match=r"program\.stand"):
         Signals(begin="", stand=text, leave="", wait="", end="")
 
 
-def test_too_much_beside_a_survey_is_refused_before_it_makes_a_log_that_nobody_can_read(tmp_path: Path):
+def test_too_much_beside_a_survey_is_refused_before_it_makes_a_log_that_nobody_can_read(
+    tmp_path: Path,
+):
     names = [f"t{number}" for number in range(9)]
     (tmp_path / "p.toml").write_text(f"[machine]\nexisting = {names}\n")
     for name in names:
@@ -172,7 +212,9 @@ def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(tmp_path: Pa
         load_profile(tmp_path / "big.toml", CONTROLLERS["neutral"], VOLUME)
     (tmp_path / "survey.toml").write_text(
         survey_text(
-            setups=("ppp", "fourdof-x"), signals='[head]\nformat = "tqd"\nport = "/dev/null1"\nid = "a"\ncalibration = "big.toml"\n'
+            setups=("ppp", "fourdof-x"),
+            signals='[head]\nformat = "tqd"\nport = "/dev/null1"\nid = "a"\ncalibration = '
+            '"big.toml"\n',
         )
     )
     with pytest.raises(UsageError, match="at most 1000000 bytes"):
@@ -185,17 +227,48 @@ def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(tmp_path: Pa
 @pytest.mark.parametrize(
     ("controller", "name", "data", "found"),
     [
-        ("beckhoff", "a.lis", "kopf.achs_nr 1\nkw.ssfk.interval 1\nkw.ssfk.unit 1\nkw.ssfk.kw_nr_max 999999999999\n", "as many"),
-        ("mitsubishi", "a.txt", "#4000 1\n#4001 AX1\n#4002 AX1\n#4003 1\n#4004 1\n#4005 999999999999\n#4006 1\n#4007 1\n", "5124"),
-        ("siemens", "a.INI", f"$AN_CEC[0,{HUGE}]=1\nM17\n", "line 1: expected at most 4096 characters"),
-        ("siemens", "a.INI", f"$AN_CEC[0,{'9' * 30}]=1\nM17\n", "a whole number that a control holds"),
+        (
+            "beckhoff",
+            "a.lis",
+            "kopf.achs_nr 1\nkw.ssfk.interval 1\nkw.ssfk.unit 1\nkw.ssfk.kw_nr_max 999999999999\n",
+            "as many",
+        ),
+        (
+            "mitsubishi",
+            "a.txt",
+            (
+                "#4000 1\n#4001 AX1\n#4002 AX1\n#4003 1\n#4004 1\n#4005 999999999999\n#4006 "
+                "1\n#4007 "
+                "1\n"
+            ),
+            "5124",
+        ),
+        (
+            "siemens",
+            "a.INI",
+            f"$AN_CEC[0,{HUGE}]=1\nM17\n",
+            "line 1: expected at most 4096 characters",
+        ),
+        (
+            "siemens",
+            "a.INI",
+            f"$AN_CEC[0,{'9' * 30}]=1\nM17\n",
+            "a whole number that a control holds",
+        ),
         ("linuxcnc", "screw_x.comp", "0 0 0\n1e308 0 0\n", "three numbers"),
-        ("neutral", "a.csv", "function,direction,position_mm,error_um\nEXX,0,0,0\nEXX,0,1e300,0\nend,,,\n", "line 3: expected a number"),
+        (
+            "neutral",
+            "a.csv",
+            "function,direction,position_mm,error_um\nEXX,0,0,0\nEXX,0,1e300,0\nend,,,\n",
+            "line 3: expected a number",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_table_that_asks_for_everything_is_refused(controller, name, data, found):
     with pytest.raises(DataError, match=found):
-        CONTROLLERS[controller].parse([ControlFile(name=name, data=data.encode())], profile_of(controller, VOLUME))
+        CONTROLLERS[controller].parse(
+            [ControlFile(name=name, data=data.encode())], profile_of(controller, VOLUME)
+        )
 
 
 @pytest.mark.parametrize("number", [HUGE, "9" * 400])
@@ -215,7 +288,10 @@ def test_a_lattice_of_rows_that_never_meet_is_not_filled_up():
 
 def test_remarks_that_never_end_cost_no_time():
     with pytest.raises(DataError, match="a new key"):
-        CONTROLLERS["beckhoff"].parse([ControlFile(name="a.lis", data=b"kw." + b"/*" * 2000 + b"\n")], profile_of("beckhoff", VOLUME))
+        CONTROLLERS["beckhoff"].parse(
+            [ControlFile(name="a.lis", data=b"kw." + b"/*" * 2000 + b"\n")],
+            profile_of("beckhoff", VOLUME),
+        )
 
 
 # readings, angles, curves, results
@@ -234,24 +310,39 @@ def test_a_number_no_machine_has_is_refused(number):
 
 
 @pytest.mark.parametrize(
-    "setups", [("ppp",), ("ppp", "npp", "pnp", "ppn"), ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")]
+    "setups",
+    [
+        ("ppp",),
+        ("ppp", "npp", "pnp", "ppn"),
+        ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z"),
+    ],
 )
 def test_a_survey_of_one_increment_is_solved(setups):
     """A function between two nodes has no shape: the estimator looked for one."""
     result = solve(Bench(increments=1).survey(setups))
-    assert all(not function.value[0] and len(function.value) == 2 for function in result.errors.values() if function.value is not None)
+    assert all(
+        not function.value[0] and len(function.value) == 2
+        for function in result.errors.values()
+        if function.value is not None
+    )
     assert parse_result(result.to_json()).errors["EYX"].value.tolist() == [0.0, 0.0]
 
 
 def test_a_survey_of_one_increment_is_planned():
-    survey = Plan(volume=replace(VOLUME, increments=1), runs=tuple(Run(setup=name) for name in ("ppp", "npp", "pnp", "ppn")))
+    survey = Plan(
+        volume=replace(VOLUME, increments=1),
+        runs=tuple(Run(setup=name) for name in ("ppp", "npp", "pnp", "ppn")),
+    )
     assert forecast(survey, Circumstances()).volumetric_um > 0
 
 
 def test_angles_that_lean_the_mirror_out_of_the_beam_are_refused():
     """Every round of the adjustment leaned it further, until its numbers overflowed."""
     readings = Bench(size_mm=(300.0, 200.0, 100.0), increments=2).survey()
-    angles = parse_angles("axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,24294967296,,0.1\nx,300,2,3,24,8.1\n")
+    angles = parse_angles(
+        "axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,24294967296,,"
+        "0.1\nx,300,2,3,24,8.1\n"
+    )
     with pytest.raises(DataError, match="a mirror leaning by at most 200 mrad"):
         solve(readings, angles=angles)
 
@@ -290,7 +381,11 @@ def changed(path: list[str], value: str) -> str:
         (["method"], '"\\ud800"', "surrogate"),
         (["closure_um"], '{"x": [1e999]}', "closure_um.x.0.: expected a finite number"),
         (["fit"], "[" * 50 + "]" * 50, "fit: expected an object"),
-        (["budget"], '{"assumptions": {}, "combined": {}, "shares": {"EXX": {"air": ' + "9" * 400 + "}}}", "a finite number"),
+        (
+            ["budget"],
+            '{"assumptions": {}, "combined": {}, "shares": {"EXX": {"air": ' + "9" * 400 + "}}}",
+            "a finite number",
+        ),
         (["setups"], '{"ppp": 3}', "setups.ppp: expected an object"),
     ],
 )
@@ -309,7 +404,10 @@ def test_a_log_that_names_a_file_it_does_not_bring_costs_that_export_alone(tmp_p
     log = tmp_path / "0001.mcap"
     log.write_bytes(log_of(b"\n".join([text, json.dumps(left).encode(), *messages])))
     done = complete([log], tmp_path / "out")
-    assert str(done.refusals["neutral"]) == "p.toml: expected a file that the survey names, in the log, found nothing"
+    assert (
+        str(done.refusals["neutral"])
+        == "p.toml: expected a file that the survey names, in the log, found nothing"
+    )
 
 
 @pytest.mark.parametrize("note", [b"", b"[]", b"{}", b'{"window_from_mono_ns": "x"}', b"[" * 3000])
@@ -321,7 +419,8 @@ def test_notes_that_no_recorder_wrote_are_refused(tmp_path: Path, note: bytes):
 
 
 def test_a_log_that_was_cut_off_before_it_began_does_not_hold_up_the_survey(tmp_path: Path):
-    """A kill, or a full disk, before the first byte of a log: the daemon did not start again, and the survey was never solved."""
+    """A kill, or a full disk, before the first byte of a log: the daemon did not start again, and
+    the survey was never solved."""
     round_ = tmp_path / "0001"
     round_.mkdir()
     (round_ / "0001.mcap.part").write_bytes(b"")
@@ -332,7 +431,15 @@ def test_a_log_that_was_cut_off_before_it_began_does_not_hold_up_the_survey(tmp_
     assert complete([round_], tmp_path / "out").result.volume.increments == 1
 
 
-BYTES = {"time": {"sec": 1, "nsec": 2}, "t_mono_ns": "5000", "order": 0, "skip": [0], "run": [1], "after_us": [0], "data": ["x"]}
+BYTES = {
+    "time": {"sec": 1, "nsec": 2},
+    "t_mono_ns": "5000",
+    "order": 0,
+    "skip": [0],
+    "run": [1],
+    "after_us": [0],
+    "data": ["x"],
+}
 BLOCKS = {**BYTES, "recv_us": [0], "answer_us": [0], "ranges": "holding 0 1", "data": ["0000"]}
 
 
@@ -346,7 +453,9 @@ BLOCKS = {**BYTES, "recv_us": [0], "answer_us": [0], "ranges": "holding 0 1", "d
         (BLOCK_TOPIC, BLOCKS, {"ranges": "holding 0 1|holding 2 1"}),
     ],
 )
-def test_events_at_times_that_no_clock_shows_or_answers_nobody_asked_for_are_damage(topic, fields, change):
+def test_events_at_times_that_no_clock_shows_or_answers_nobody_asked_for_are_damage(
+    topic, fields, change
+):
     assert decode(topic, json.dumps(fields).encode())
     with pytest.raises(ValueError, match=r"t_mono_ns cannot be|answers cannot be"):
         decode(topic, json.dumps({**fields, **change}).encode())
@@ -390,9 +499,14 @@ NAMES_OF_NOBODY = ("192.168..5", "x" * 64, "a." + "x" * 70 + ".b")
 
 @pytest.mark.parametrize("host", NAMES_OF_NOBODY)
 @pytest.mark.parametrize("section", ["plc", "page", "metrics"])
-def test_a_host_that_cannot_be_looked_up_is_refused_when_the_survey_is_read(section: str, host: str):
-    """A dot too many in plc.host ended the daemon: Python refuses such a name while looking it up, with an error that is no OSError."""
-    with pytest.raises(UsageError, match=rf"{section}\.host: expected a name or an address, 1 to 63 letters"):
+def test_a_host_that_cannot_be_looked_up_is_refused_when_the_survey_is_read(
+    section: str, host: str
+):
+    """A dot too many in plc.host ended the daemon: Python refuses such a name while looking it up,
+    with an error that is no OSError."""
+    with pytest.raises(
+        UsageError, match=rf"{section}\.host: expected a name or an address, 1 to 63 letters"
+    ):
         parse_survey(f'{SMALLEST}[{section}]\nhost = "{host}"\n', "s.toml")
 
 
@@ -408,7 +522,9 @@ def test_nor_is_it_the_host_of_a_line_or_a_broker(host: str):
 def test_a_folder_that_no_file_system_takes_is_refused_when_the_survey_is_read(directory: str):
     """`status` said that the name is too long; the daemon ended with a traceback."""
     with pytest.raises(UsageError, match=r"survey\.directory"):
-        parse_survey(SMALLEST.replace("[survey]\n", f'[survey]\ndirectory = "{directory}"\n'), "s.toml")
+        parse_survey(
+            SMALLEST.replace("[survey]\n", f'[survey]\ndirectory = "{directory}"\n'), "s.toml"
+        )
 
 
 @pytest.mark.parametrize("position", [[0.0, 1e9, 200.0], [0.0], [0.0, 0.0, 200.0]])
@@ -423,7 +539,9 @@ def test_a_posterior_whose_positions_do_not_rise_is_refused(position):
 @pytest.mark.parametrize("count", [0, 21])
 def test_a_curve_of_a_head_has_coefficients(count):
     """One without any ended the command that read it with a traceback."""
-    text, changed = re.subn("coefficients_um = .*", f"coefficients_um = {[1.0] * count}", HEAD, count=1)
+    text, changed = re.subn(
+        "coefficients_um = .*", f"coefficients_um = {[1.0] * count}", HEAD, count=1
+    )
     assert changed
     with pytest.raises(UsageError, match="coefficients_um"):
         parse_head_file(text.encode(), "head.toml")

@@ -1,4 +1,5 @@
-"""The newcomer's exercise of CONTRIBUTING, done literally in a copy of the checkout: under 60 lines each, and every contract holds."""
+"""The newcomer's exercise of CONTRIBUTING, done literally in a copy of the checkout: under 60 lines
+each, and every contract holds."""
 
 import os
 import shutil
@@ -42,7 +43,12 @@ def test_what_is_added_is_short_and_whole(exercise, tmp_path):
 
 def copied(target):
     for name in COPIED:
-        shutil.copytree(CHECKOUT / name, target / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            CHECKOUT / name,
+            target / name,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
     for name in FILES:
         shutil.copy(CHECKOUT / name, target / name)
     return target
@@ -53,15 +59,25 @@ def added(copy, addition):
     path, text = copy / addition["file"], addition["text"].strip("\n") + "\n"
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     after = addition["after"] + "\n" if "after" in addition else ""
-    assert not after or before.count("\n" + after) == 1, f"{addition['file']}: {after!r} stands there {before.count(after)} times"
+    assert not after or before.count("\n" + after) == 1, (
+        f"{addition['file']}: {after!r} stands there {before.count(after)} times"
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
-    head, found, tail = before.partition("\n" + after) if after else (before, "\n" if before else "", "")
+    head, found, tail = (
+        before.partition("\n" + after) if after else (before, "\n" if before else "", "")
+    )
     path.write_text(head + found + text + tail, encoding="utf-8")
 
 
 def run(copy, tool, *arguments):
     """The copy comes before the installed wheel on the path."""
-    environment = {**os.environ, "PYTHONPATH": f"{copy}:{copy / 'tests/lib'}", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{copy}:{copy / 'tests/lib'}",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
     command = [Path(sys.executable).with_name(tool), *arguments]
-    told = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    told = subprocess.run(
+        command, cwd=copy, env=environment, capture_output=True, text=True, check=False
+    )
     assert told.returncode == 0, told.stdout + told.stderr

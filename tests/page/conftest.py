@@ -1,4 +1,5 @@
-"""A real browser for the tests of the page; what it complains about, and any request that leaves the machine, fails the test."""
+"""A real browser for the tests of the page; what it complains about, and any request that leaves
+the machine, fails the test."""
 
 from collections.abc import Iterator
 
@@ -19,7 +20,8 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """The page's process over a played survey, one for all tests of a module, without a token: everybody may read, nobody may command."""
+    """The page's process over a played survey, one for all tests of a module, without a token:
+    everybody may read, nobody may command."""
     with served(tmp_path_factory.mktemp("survey")) as running:
         yield running
 
@@ -33,7 +35,8 @@ def daemon(serving: Served) -> Served:
 
 @pytest.fixture
 def watched(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Watched]:
-    """Opens pages and, at the end, fails on any complaint; closes them before the daemon of the test ends."""
+    """Opens pages and, at the end, fails on any complaint; closes them before the daemon of the
+    test ends."""
     if "daemon" in request.fixturenames:
         request.getfixturevalue("daemon")
     watching = Watched(browser)
@@ -43,7 +46,8 @@ def watched(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Watche
 
 @pytest.fixture(scope="module")
 def resting(serving: Served) -> Iterator[list[tuple[Watched, Page]]]:
-    """The page of a module's tests while none of them uses it: nothing before the first and after one that complained."""
+    """The page of a module's tests while none of them uses it: nothing before the first and after
+    one that complained."""
     kept: list[tuple[Watched, Page]] = []
     yield kept
     for watching, _ in kept:
@@ -52,7 +56,8 @@ def resting(serving: Served) -> Iterator[list[tuple[Watched, Page]]]:
 
 @pytest.fixture
 def page(browser: Browser, resting: list[tuple[Watched, Page]], daemon: Served) -> Iterator[Page]:
-    """The page as a desk computer shows it, its first picture drawn; it remembers nothing of the test before."""
+    """The page as a desk computer shows it, its first picture drawn; it remembers nothing of the
+    test before."""
     watching, shown = resting.pop() if resting else (Watched(browser), None)
     try:
         if shown is None:

@@ -1,4 +1,5 @@
-"""The broadcaster without a browser: who is slow gets the latest, nobody gets a backlog, nothing runs when nobody looks on."""
+"""The broadcaster without a browser: who is slow gets the latest, nobody gets a backlog, nothing
+runs when nobody looks on."""
 
 import asyncio
 import json
@@ -13,11 +14,18 @@ from testkit.played import PlayedSurvey
 
 def events(received: bytes) -> list[tuple[str, dict[str, object]]]:
     """Return the named events of a piece of stream."""
-    blocks = [dict(line.split(": ", 1) for line in block.split("\n")) for block in received.decode().strip().split("\n\n")]
+    blocks = [
+        dict(line.split(": ", 1) for line in block.split("\n"))
+        for block in received.decode().strip().split("\n\n")
+    ]
     return [(block["event"], json.loads(block["data"])) for block in blocks if "event" in block]
 
 
-@given(st.lists(st.tuples(st.sampled_from(["now", "survey"]), st.integers(0, 999)), min_size=1, max_size=50))
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["now", "survey"]), st.integers(0, 999)), min_size=1, max_size=50
+    )
+)
 def test_a_mailbox_holds_the_newest_of_each_kind(puts: list[tuple[str, int]]) -> None:
     """However much comes in while a reader is slow, it fetches one event of each kind: the last."""
 
@@ -33,7 +41,8 @@ def test_a_mailbox_holds_the_newest_of_each_kind(puts: list[tuple[str, int]]) ->
 
 
 def test_the_first_piece_shows_the_whole_survey(tmp_path: Path) -> None:
-    """A reader needs nothing that was sent before it came; stops are sent again only when they change."""
+    """A reader needs nothing that was sent before it came; stops are sent again only when they
+    change."""
 
     async def look() -> list[list[tuple[str, dict[str, object]]]]:
         survey = PlayedSurvey(tmp_path)

@@ -24,7 +24,7 @@ WRITTEN_BELOW = """() => {
     if (own) window.below.push(text);
     return write.call(this, text, ...rest);
   };
-}"""
+}"""  # noqa: E501
 """Keeps from now on the figures that the chart of the deviations writes below its axis."""
 
 
@@ -46,11 +46,17 @@ def values_at(page: Page, chart: str, *, key: str = "") -> list[str]:
 
 
 def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: Served) -> None:
-    """Deviations, the last ten seconds, noise, functions of the result: hover or arrow keys, figures as the language writes them."""
+    """Deviations, the last ten seconds, noise, functions of the result: hover or arrow keys,
+    figures as the language writes them."""
     page.locator("#language").click()
     for chart in ("#strip", "#trend"):
         expect(page.locator(f"{chart} canvas")).to_be_visible(timeout=60_000)
-        wait_until(lambda chart=chart: all(re.fullmatch(r"[−\d,]+", value) for value in values_at(page, chart, key="End") or [""]))
+        wait_until(
+            lambda chart=chart: all(
+                re.fullmatch(r"[−\d,]+", value)
+                for value in values_at(page, chart, key="End") or [""]
+            )
+        )
     for stop in range(9):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     expect(page.locator("#deviations")).to_have_attribute("data-points", "[9]")
@@ -68,11 +74,16 @@ def table_of(page: Page, figure: str) -> list[list[str]]:
     """Return the CSV that the link of a figure hands out, in rows."""
     with page.expect_download() as handed:
         page.locator(f"{figure} a.csv").click()
-    return [line.split(",") for line in handed.value.path().read_text(encoding="utf-8").splitlines()]
+    return [
+        line.split(",") for line in handed.value.path().read_text(encoding="utf-8").splitlines()
+    ]
 
 
-def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(page: Page, daemon: Served) -> None:
-    """Stops and errors by pointer and key, in the numbers of the language; what is drawn as CSV with decimal points in either."""
+def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(
+    page: Page, daemon: Served
+) -> None:
+    """Stops and errors by pointer and key, in the numbers of the language; what is drawn as CSV
+    with decimal points in either."""
     for stop in range(9):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     volume, value = page.locator("#volume"), page.locator("#volume .value")
@@ -88,54 +99,89 @@ def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(
     page.mouse.move(0, 0)
     expect(value).to_have_text("")
     head, *rows = table_of(page, "#volume")
-    assert head == ["setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "deviation_um", "u_um", "doubtful"]
+    assert head == [
+        "setup",
+        "pass",
+        "stop",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "deviation_um",
+        "u_um",
+        "doubtful",
+    ]
     assert (len(rows), rows[1][:6]) == (9, ["npp", "1", "1", "450", "0", "-300"])
     head, *rows = table_of(page, "#deviations")
     assert head == ["stop", "pass_1_um", "u_pass_1_um"]
     assert (len(rows), rows[0], rows[9]) == (31, ["0", "0", "0.3"], ["9", "", ""])
-    assert [name.partition("_")[0] for name in table_of(page, "#strip")[0]] == ["time", "high", "low"], "in mm while the laser travels"
+    assert [name.partition("_")[0] for name in table_of(page, "#strip")[0]] == [
+        "time",
+        "high",
+        "low",
+    ], "in mm while the laser travels"
     daemon.do(daemon.survey.complete)
     expect(page.locator("#field figure a.csv")).to_have_count(2)
     expect(page.locator("#result figure a.csv")).to_have_count(9)
     report = (daemon.survey.place / "report.html").read_text(encoding="utf-8")
     for figure in ("#function-EXX", "#function-EZZ", "#field-before"):
         name = figure.removeprefix("#function-").removeprefix("#")
-        written = re.search(rf'download="{name}.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', report)
+        written = re.search(
+            rf'download="{name}.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', report
+        )
         assert written is not None
-        shown, wanted = table_of(page, figure), [line.split(",") for line in b64decode(written[1]).decode().splitlines()]
+        shown, wanted = (
+            table_of(page, figure),
+            [line.split(",") for line in b64decode(written[1]).decode().splitlines()],
+        )
         columns = slice(0, len(shown[0]))
         assert shown[0] == wanted[0][columns], "the columns of the report"
-        assert np.allclose(np.array(shown[1:], dtype=float), np.array([row[columns] for row in wanted[1:]], dtype=float), atol=6e-5)
+        assert np.allclose(
+            np.array(shown[1:], dtype=float),
+            np.array([row[columns] for row in wanted[1:]], dtype=float),
+            atol=6e-5,
+        )
     before, value = page.locator("#field-before"), page.locator("#field-before .value")
     before.press("End")
     x, y, z, *vector = map(float, shown[-1])
-    said = "; ".join(f"{part:.2f}" for part in vector) + f" µm, |E| = {np.linalg.norm(vector):.2f} µm"
+    said = (
+        "; ".join(f"{part:.2f}" for part in vector) + f" µm, |E| = {np.linalg.norm(vector):.2f} µm"
+    )
     words = f"X; Y; Z = {x:.0f}; {y:.0f}; {z:.0f} mm: {said}".replace("-", "−").replace(".", ",")
     expect(value).to_have_text(words)
     for event in ("pointermove", "pointerleave"):
         before.dispatch_event(event, {"pointerType": "mouse"})
-        expect(value, "what a browser sends when the drawing changes below a pointer that rests").to_have_text(words)
+        expect(
+            value, "what a browser sends when the drawing changes below a pointer that rests"
+        ).to_have_text(words)
 
 
 def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served) -> None:
-    """Fifty bins a second, each with its lowest and highest sample, whatever the pictures a second; a machine that moves has no scatter."""
+    """Fifty bins a second, each with its lowest and highest sample, whatever the pictures a second;
+    a machine that moves has no scatter."""
     seen = "JSON.parse(document.getElementById('strip').dataset.points ?? '[0, 0]')"
     wait_until(lambda: page.evaluate(seen)[0] >= 400)
     assert page.evaluate(f"(([high, low]) => high === low)({seen})")
     expect(page.locator("#scatter")).to_contain_text(re.compile(r"half a second: 0\.\d\d µm"))
     moving = tuple(float(place) for place in range(75))
-    daemon.do(lambda: daemon.survey.publish(strip=StripStatus(first=10**9, bin_s=0.02, low_mm=moving, high_mm=moving)))
+    daemon.do(
+        lambda: daemon.survey.publish(
+            strip=StripStatus(first=10**9, bin_s=0.02, low_mm=moving, high_mm=moving)
+        )
+    )
     expect(page.locator("#scatter")).to_contain_text("half a second: – µm")
 
 
 def test_marks_of_an_axis_are_written_with_the_decimals_they_need(page: Page) -> None:
     """Marks every 2.5 s were written 3, 5, 8."""
     marks = "[[-10, -7.5, -5], [0, 2], [0, 0.1], [0, 0.25], [400]]"
-    assert page.evaluate(f"import('/static/curves.js').then((curves) => {marks}.map(curves.places))") == [1, 0, 1, 2, 0]
+    assert page.evaluate(
+        f"import('/static/curves.js').then((curves) => {marks}.map(curves.places))"
+    ) == [1, 0, 1, 2, 0]
 
 
 def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None:
-    """Dragging shows a part, whose marks are stops, Escape the whole; a new stop does not take the part away."""
+    """Dragging shows a part, whose marks are stops, Escape the whole; a new stop does not take the
+    part away."""
     for stop in range(20):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     chart, over = page.locator("#deviations"), page.locator("#deviations .u-over")
@@ -161,11 +207,15 @@ def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None
 
 
 def test_a_doubtful_stop_differs_in_shape(page: Page, daemon: Served) -> None:
-    """A cross among dots, in the volume and in the chart: colour alone tells a colour-blind person nothing. Doubted later it counts too."""
+    """A cross among dots, in the volume and in the chart: colour alone tells a colour-blind person
+    nothing. Doubted later it counts too."""
     for stop in range(5):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     expect(page.locator("#volume circle.stop")).to_have_count(5)
-    doubted = [replace(one, doubtful="unsteady" if one.stop == 3 else "") for one in daemon.do(lambda: daemon.survey.fields["stops"])]
+    doubted = [
+        replace(one, doubtful="unsteady" if one.stop == 3 else "")
+        for one in daemon.do(lambda: daemon.survey.fields["stops"])
+    ]
     daemon.do(lambda: daemon.survey.publish(stops=tuple(doubted)))
     expect(page.locator("#volume path.stop.doubt")).to_have_count(1)
     expect(page.locator("#volume circle.stop")).to_have_count(4)

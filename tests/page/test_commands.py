@@ -28,13 +28,21 @@ def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield running
 
 
-def ask(daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None) -> tuple[int, dict[str, str], bytes]:
+def ask(
+    daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None
+) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of one request."""
     connection = http.client.HTTPConnection(daemon.address.removeprefix("http://"), timeout=60)
-    headers = {"Origin": daemon.address} | ({"Authorization": f"Bearer {quote(token)}"} if token is not None else {})
+    headers = {"Origin": daemon.address} | (
+        {"Authorization": f"Bearer {quote(token)}"} if token is not None else {}
+    )
     connection.request(method, path, body, headers)
     answer = connection.getresponse()
-    told = answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    told = (
+        answer.status,
+        {name.lower(): value for name, value in answer.getheaders()},
+        answer.read(),
+    )
     connection.close()
     return told
 
@@ -46,9 +54,16 @@ def unlock(page: Page) -> None:
 
 
 def test_a_changed_survey_file_is_shown_and_applied(page: Page, daemon: Served) -> None:
-    """The lines that differ stand on the page for everybody; a person with the token applies them, but not while a pass runs."""
-    daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, corrects=("laser.sign: 1 -> -1",)))
-    expect(page.locator("#correction")).to_contain_text("The survey file was changed: laser.sign: 1 -> -1.")
+    """The lines that differ stand on the page for everybody; a person with the token applies them,
+    but not while a pass runs."""
+    daemon.do(
+        lambda: daemon.survey.publish(
+            phase="waiting-program", recording=False, corrects=("laser.sign: 1 -> -1",)
+        )
+    )
+    expect(page.locator("#correction")).to_contain_text(
+        "The survey file was changed: laser.sign: 1 -> -1."
+    )
     unlock(page)
     daemon.do(lambda: daemon.survey.publish(recording=True))
     expect(page.locator("#correct")).to_be_hidden()
@@ -62,14 +77,22 @@ def test_a_changed_survey_file_is_shown_and_applied(page: Page, daemon: Served) 
     expect(page.locator("#correction")).to_be_empty()
 
 
-def test_a_further_setup_is_offered_between_two_passes_and_taken(page: Page, daemon: Served) -> None:
-    """What it brings stands in the card, in the viewer's language; a person with the token may take it, but none while a pass runs."""
-    line = message("ahead-shifted", setup="ppp", offset=[message("ahead-offset", size_mm=150.0, axis="z")])
+def test_a_further_setup_is_offered_between_two_passes_and_taken(
+    page: Page, daemon: Served
+) -> None:
+    """What it brings stands in the card, in the viewer's language; a person with the token may take
+    it, but none while a pass runs."""
+    line = message(
+        "ahead-shifted", setup="ppp", offset=[message("ahead-offset", size_mm=150.0, axis="z")]
+    )
     words = message("ahead-next", line=line, now_um=2.2, then_um=0.9, minutes=33.0)
-    offer = AheadStatus(words=message("ahead-angles", angles_urad=30.0, what=words), setup="ppp+1", further=True)
+    offer = AheadStatus(
+        words=message("ahead-angles", angles_urad=30.0, what=words), setup="ppp+1", further=True
+    )
     daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer))
     expect(page.locator("#ahead")).to_have_text(
-        "Angles of about 30 µrad. Next: ppp on a line shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
+        "Angles of about 30 µrad. Next: ppp on a line shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 "
+        "min."
     )
     page.locator("#language").click()
     expect(page.locator("#ahead")).to_contain_text("verschoben um 150 mm in z. 2,2 -> 0,9 µm")
@@ -87,7 +110,8 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(page: Page, dae
 
 
 def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
-    """Start, pause, zero, abort (pressed twice), write the certificate, choose the next setup, name operator and workpiece."""
+    """Start, pause, zero, abort (pressed twice), write the certificate, choose the next setup, name
+    operator and workpiece."""
     unlock(page)
     answer = page.locator("#answer")
     page.locator("#pause").click()
@@ -122,8 +146,15 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
 
 
 def test_what_is_doubted_is_accepted_with_name_and_reason(page: Page, daemon: Served) -> None:
-    """Where it is the only finding, too: all findings stand on the page then, and what accepts it is behind "all"."""
-    found = FindingStatus(code="stop-recovered", severity="warning", text="npp out, stop 5 of 30: ...", place="npp/1/5", state="open")
+    """Where it is the only finding, too: all findings stand on the page then, and what accepts it
+    is behind "all"."""
+    found = FindingStatus(
+        code="stop-recovered",
+        severity="warning",
+        text="npp out, stop 5 of 30: ...",
+        place="npp/1/5",
+        state="open",
+    )
     unlock(page)
     daemon.do(lambda: daemon.survey.publish(findings=(found,)))
     page.locator("#all-findings").click()
@@ -145,20 +176,27 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     daemon.do(lambda: setattr(daemon.survey, "refusal", refusal))
     daemon.do(lambda: daemon.survey.publish(phase="paused"))
     page.locator("#start").click()
-    expect(page.locator("#answer")).to_have_text("Refused: start: expected paused by the operator, found one that runs")
+    expect(page.locator("#answer")).to_have_text(
+        "Refused: start: expected paused by the operator, found one that runs"
+    )
     page.locator("#language").click()
     page.locator("#start").click()
-    expect(page.locator("#answer")).to_have_text("Abgelehnt: start: erwartet war vom Bediener angehalten, gefunden eine laufende")
+    expect(page.locator("#answer")).to_have_text(
+        "Abgelehnt: start: erwartet war vom Bediener angehalten, gefunden eine laufende"
+    )
     watched.complaints = [one for one in watched.complaints if "409" not in one]
 
 
 def test_the_conclusion_is_words_and_open_to_everybody(watched: Watched, daemon: Served) -> None:
-    """The card says "read the conclusion": there it is, without the token. Curves and files stay locked."""
+    """The card says "read the conclusion": there it is, without the token. Curves and files stay
+    locked."""
     daemon.do(daemon.survey.complete)
     page = watched.open(daemon.address)
     expect(page.locator("#conclusion .reached li").last).to_contain_text("(rms, k = 2)")
     expect(page.locator("#advice")).to_contain_text("Next step")
-    expect(page.locator("#result")).to_have_text("The curves and the files are open to whoever has the token.")
+    expect(page.locator("#result")).to_have_text(
+        "The curves and the files are open to whoever has the token."
+    )
     assert ask(daemon, "GET", "/conclusion.json")[0] == 200
     for path in ("/result.json", "/downloads.json", "/download/conclusion.json"):
         assert ask(daemon, "GET", path)[0] == 403, path
@@ -166,9 +204,17 @@ def test_the_conclusion_is_words_and_open_to_everybody(watched: Watched, daemon:
     expect(page.locator("#result table").first).to_be_visible()
 
 
-def test_a_doubt_offers_no_button_to_whom_cannot_accept_it(watched: Watched, daemon: Served) -> None:
+def test_a_doubt_offers_no_button_to_whom_cannot_accept_it(
+    watched: Watched, daemon: Served
+) -> None:
     """The button appears with the token."""
-    found = FindingStatus(code="stop-recovered", severity="warning", text="npp out, stop 5 of 30: ...", place="npp/1/5", state="open")
+    found = FindingStatus(
+        code="stop-recovered",
+        severity="warning",
+        text="npp out, stop 5 of 30: ...",
+        place="npp/1/5",
+        state="open",
+    )
     daemon.do(lambda: daemon.survey.publish(findings=(found,)))
     page = watched.open(daemon.address)
     expect(page.locator("#all-list li")).to_have_count(1)
@@ -178,7 +224,8 @@ def test_a_doubt_offers_no_button_to_whom_cannot_accept_it(watched: Watched, dae
 
 
 def test_a_token_outlives_a_reload(watched: Watched, daemon: Served) -> None:
-    """A page that is loaded again still gives orders; one whose token was changed meanwhile asks for the new one and keeps nothing."""
+    """A page that is loaded again still gives orders; one whose token was changed meanwhile asks
+    for the new one and keeps nothing."""
     page = watched.open(daemon.address)
     unlock(page)
     page.reload()
@@ -222,7 +269,16 @@ def test_without_a_token_configured_it_only_shows(tmp_path: Path, watched: Watch
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"{", b"[]", b'{"name":"reboot"}', b'{"name":"start","arguments":{"a":1}}', b'{"name":"start"}' + b" " * 5000, b"\xff"]
+    "body",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b'{"name":"reboot"}',
+        b'{"name":"start","arguments":{"a":1}}',
+        b'{"name":"start"}' + b" " * 5000,
+        b"\xff",
+    ],
 )
 def test_a_command_that_is_none_is_refused(daemon: Served, body: bytes) -> None:
     """Unknown names, wrong types, too much: 400 and nothing done."""
@@ -263,14 +319,22 @@ def test_downloads_are_whole(daemon: Served) -> None:
     assert ask(daemon, "GET", "/result.json", token=TOKEN)[0] == 404
     daemon.do(daemon.survey.complete)
     listed = listed_by(daemon)
-    assert [one["kind"] for one in listed if one["kind"] != "export"] == ["result", "result", "report", "bundle", "restore"]
+    assert [one["kind"] for one in listed if one["kind"] != "export"] == [
+        "result",
+        "result",
+        "report",
+        "bundle",
+        "restore",
+    ]
     status, headers, body = ask(daemon, "GET", "/download/result.json", token=TOKEN)
     assert (status, len(body)) == (200, listed[0]["size_bytes"])
     assert headers["content-disposition"].startswith("attachment")
     assert body == (daemon.survey.place / "result.json").read_bytes()
 
 
-@pytest.mark.parametrize("path", ["/", "/static/main.js", "/about.json", "/texts/de.json", "/nothing"])
+@pytest.mark.parametrize(
+    "path", ["/", "/static/main.js", "/about.json", "/texts/de.json", "/nothing"]
+)
 def test_the_policy_allows_nothing_from_elsewhere(daemon: Served, path: str) -> None:
     """No inline script or style, no foreign address, no frame, on every answer."""
     headers = ask(daemon, "GET", path)[1]
@@ -281,7 +345,8 @@ def test_the_policy_allows_nothing_from_elsewhere(daemon: Served, path: str) -> 
 
 
 def test_the_report_opens_in_a_sandbox(watched: Watched, daemon: Served) -> None:
-    """It is shown beside the page, draws and turns, and can reach neither the daemon nor the page's storage."""
+    """It is shown beside the page, draws and turns, and can reach neither the daemon nor the page's
+    storage."""
     daemon.do(daemon.survey.complete)
     page = watched.open(daemon.address)
     unlock(page)
@@ -298,19 +363,29 @@ def test_the_report_opens_in_a_sandbox(watched: Watched, daemon: Served) -> None
 
 def test_a_taken_port_is_refused_by_name(daemon: Served, tmp_path: Path) -> None:
     """The daemon says which address is taken, and what to do."""
-    with pytest.raises(ConnectionError, match=r"page\.port"), served(tmp_path, port=int(daemon.address.rpartition(":")[2])):
+    with (
+        pytest.raises(ConnectionError, match=r"page\.port"),
+        served(tmp_path, port=int(daemon.address.rpartition(":")[2])),
+    ):
         pass
 
 
 def test_what_the_walls_leave_open_is_named_in_both_languages(page: Page) -> None:
     expect(page.locator("#open")).to_be_hidden()
-    page.route("**/about.json", lambda route: route.fulfill(json=route.fetch().json() | {"open": ["signals", "UDP and other sockets"]}))
+    page.route(
+        "**/about.json",
+        lambda route: route.fulfill(
+            json=route.fetch().json() | {"open": ["signals", "UDP and other sockets"]}
+        ),
+    )
     page.reload()
     expect(page.locator("#open")).to_have_text(
-        "An attacker inside this page also reaches, on this computer: signals, UDP and other sockets."
+        "An attacker inside this page also reaches, on this computer: signals, UDP and other "
+        "sockets."
     )
     page.locator("#language").click()
     expect(page.locator("#open")).to_have_text(
-        "Ein Angreifer in dieser Seite erreicht auf diesem Computer auch: Signale, UDP und andere Sockets."
+        "Ein Angreifer in dieser Seite erreicht auf diesem Computer auch: Signale, UDP und "
+        "andere Sockets."
     )
     page.unroute("**/about.json")

@@ -1,4 +1,5 @@
-"""Old data look old within a second, the page comes back by itself, and nobody who looks on disturbs the daemon."""
+"""Old data look old within a second, the page comes back by itself, and nobody who looks on
+disturbs the daemon."""
 
 import socket
 import time
@@ -23,7 +24,8 @@ PICTURES_S = 10.0
 
 
 def soon(limit_s: float, attempt: Callable[[], float]) -> None:
-    """Have something happen within a time: on a computer that is busy with other things not every time, but once in a few."""
+    """Have something happen within a time: on a computer that is busy with other things not every
+    time, but once in a few."""
     took: list[float] = []
     while not took or took[-1] >= limit_s:
         assert len(took) < ATTEMPTS, f"expected less than {limit_s} s once, found {took}"
@@ -35,14 +37,23 @@ def percentile_95(values: list[float]) -> float:
 
 
 @pytest.mark.parametrize(("link", "place"), [("laser", ".figures"), ("plc", ".air")])
-def test_a_silent_link_is_old_within_a_second(page: Page, daemon: Served, link: str, place: str) -> None:
-    """Laser unplugged, PLC silent: what came from it is struck through within a second, the other stays."""
+def test_a_silent_link_is_old_within_a_second(
+    page: Page, daemon: Served, link: str, place: str
+) -> None:
+    """Laser unplugged, PLC silent: what came from it is struck through within a second, the other
+    stays."""
     old = page.locator(f"{place}.stale")
     assert old.count() == 0
 
     soon(1.0, lambda: until_old(page, daemon, link, place))
     concerned = page.locator(f"[data-source={link}]").count()
-    wait_until(lambda: page.locator("[data-source].stale").count() == concerned == page.locator(f"[data-source={link}].stale").count())
+    wait_until(
+        lambda: (
+            page.locator("[data-source].stale").count()
+            == concerned
+            == page.locator(f"[data-source={link}].stale").count()
+        )
+    )
     daemon.do(daemon.survey.silent.clear)
     expect(old).to_have_count(0)
 
@@ -56,14 +67,18 @@ def until_old(page: Page, daemon: Served, link: str, place: str) -> float:
 
 
 def test_a_page_that_is_slow_to_say_so_is_found(watched: Watched, daemon: Served) -> None:
-    """The measure itself can fail: a page that calls data old after two seconds takes longer than one, however often it is tried."""
+    """The measure itself can fail: a page that calls data old after two seconds takes longer than
+    one, however often it is tried."""
     slow = "const STALE_S = 2;"
-    page = watched.open(daemon.address, change={"stale.js": ("const STALE_S = STALE_MS / 1000;", slow)})
+    page = watched.open(
+        daemon.address, change={"stale.js": ("const STALE_S = STALE_MS / 1000;", slow)}
+    )
     assert all(until_old(page, daemon, "laser", ".figures") > 1.0 for _ in range(2))
 
 
 def test_a_dead_daemon_is_seen_and_its_return_too(watched: Watched, tmp_path: Path) -> None:
-    """Daemon gone: everything is old within a second; back on the same address: live again within three, without a hand."""
+    """Daemon gone: everything is old within a second; back on the same address: live again within
+    three, without a hand."""
     watched.daemon_may_be_away = True
     port = 0
 
@@ -98,7 +113,8 @@ def test_a_hanging_daemon_is_seen(page: Page, daemon: Served) -> None:
 
 
 def test_twenty_readers_and_one_that_never_reads(watched: Watched, daemon: Served) -> None:
-    """The daemon's loop stays punctual, one encoding serves all, and the last reader gets the latest all the same."""
+    """The daemon's loop stays punctual, one encoding serves all, and the last reader gets the
+    latest all the same."""
     asking = b"GET /stream HTTP/1.1\r\nHost: page\r\n\r\n"
     deaf = socket.create_connection(("127.0.0.1", int(daemon.address.rpartition(":")[2])))
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)

@@ -22,22 +22,34 @@ from testkit.timeline import survey_text
 
 pytestmark = pytest.mark.page
 AFTER = {
-    "en": re.compile(r"predicted:\s*(?P<low>[\d.]+) to (?P<high>[\d.]+) µm\s+\(rms, k = 2\), largest up to (?P<largest>[\d.]+) µm"),
+    "en": re.compile(
+        r"predicted:\s*(?P<low>[\d.]+) to (?P<high>[\d.]+) µm\s+\(rms, k = 2\), largest up to "
+        r"(?P<largest>[\d.]+) µm"
+    ),
     "de": re.compile(
-        r"vorhergesagt:\s*(?P<low>[\d,]+) bis (?P<high>[\d,]+) µm\s+\(Effektivwert, k = 2\), größter bis (?P<largest>[\d,]+) µm"
+        r"vorhergesagt:\s*(?P<low>[\d,]+) bis (?P<high>[\d,]+) µm\s+\(Effektivwert, k = 2\), "
+        r"größter bis (?P<largest>[\d,]+) µm"
     ),
 }
-EXPORTED = re.compile(r"without rigid motion, after +(?P<low>[\d.]+) to (?P<high>[\d.]+) +up to (?P<largest>[\d.]+)")
+EXPORTED = re.compile(
+    r"without rigid motion, after +(?P<low>[\d.]+) to (?P<high>[\d.]+) +up to (?P<largest>[\d.]+)"
+)
 REPORTED = re.compile(
-    r"rms \(k = 2\) / µm [\d.]+ … [\d.]+ (?P<low>[\d.]+) … (?P<high>[\d.]+) .*?largest vector / µm ≤ [\d.]+ ≤ (?P<largest>[\d.]+)"
+    r"rms \(k = 2\) / µm [\d.]+ … [\d.]+ (?P<low>[\d.]+) … (?P<high>[\d.]+) .*?largest vector / "
+    r"µm ≤ [\d.]+ ≤ (?P<largest>[\d.]+)"
 )
 """The row of the table of figures: as found, predicted, as left."""
-VERIFIED = re.compile(r"rms, without rigid motion\D+[\d.]+ to [\d.]+\D+(?P<low>[\d.]+) to (?P<high>[\d.]+)")
-VERIFIED_LARGEST = re.compile(r"largest, without rigid motion\D+up to [\d.]+\D+up to (?P<largest>[\d.]+)")
+VERIFIED = re.compile(
+    r"rms, without rigid motion\D+[\d.]+ to [\d.]+\D+(?P<low>[\d.]+) to (?P<high>[\d.]+)"
+)
+VERIFIED_LARGEST = re.compile(
+    r"largest, without rigid motion\D+up to [\d.]+\D+up to (?P<largest>[\d.]+)"
+)
 
 
 def finished(folder: Path, *, angles: bool) -> Path:
-    """Return the folder of a survey that was solved, exported and reported as the daemon does it."""
+    """Return the folder of a survey that was solved, exported and reported as the daemon does
+    it."""
     place = folder / "bench" / "0001"
     place.mkdir(parents=True)
     text = survey_text(setups=("ppp",), n=1, dwell=0.5)
@@ -50,7 +62,9 @@ def finished(folder: Path, *, angles: bool) -> Path:
     (place / "result.json").write_text(result.to_json(), encoding="utf-8")
     out = place / "exports" / "siemens"
     written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
-    write_completed_report(Completed(folder=place, recorded=place, result=result, exports=(written,), refusals={}))
+    write_completed_report(
+        Completed(folder=place, recorded=place, result=result, exports=(written,), refusals={})
+    )
     return place
 
 
@@ -61,9 +75,14 @@ def read(pattern: re.Pattern[str], text: str) -> tuple[str, ...]:
     return tuple(figure.replace(",", ".") for figure in found.groupdict().values())
 
 
-@pytest.mark.parametrize("angles", [True, False], ids=["angles as in the demo", "angles unmeasured"])
-def test_every_place_says_the_same_figure(tmp_path: Path, browser: Browser, *, angles: bool) -> None:
-    """Terminal, status, verify, export report, report, conclusion.json and page, in both languages: both ends and the largest vector."""
+@pytest.mark.parametrize(
+    "angles", [True, False], ids=["angles as in the demo", "angles unmeasured"]
+)
+def test_every_place_says_the_same_figure(
+    tmp_path: Path, browser: Browser, *, angles: bool
+) -> None:
+    """Terminal, status, verify, export report, report, conclusion.json and page, in both languages:
+    both ends and the largest vector."""
     place = finished(tmp_path, angles=angles)
     told = json.loads((place / "conclusion.json").read_text(encoding="utf-8"))["reached"][1]
     promised = read(AFTER["en"], told["en"])
@@ -78,7 +97,9 @@ def test_every_place_says_the_same_figure(tmp_path: Path, browser: Browser, *, a
     assert read(VERIFIED, verified) + read(VERIFIED_LARGEST, verified) == promised
     watching = Watched(browser)
     with served(place) as daemon:
-        daemon.do(lambda: daemon.survey.publish(phase="complete", expects_setup="", result_ready=True))
+        daemon.do(
+            lambda: daemon.survey.publish(phase="complete", expects_setup="", result_ready=True)
+        )
         page = watching.open(daemon.address)
         reached = page.locator("#conclusion .reached li").last
         expect(reached).to_contain_text("µm")

@@ -27,11 +27,21 @@ A4_PT = (595, 842)
 HALF = 0.6
 """Of a page's height: a page before the last one that ends above it is a half-empty one."""
 SURVEY = {
-    "customer": "Gebr. Kunde", "machine": "VM 500", "machine_serial": "M-4711", "survey": "spring 2026", "operator": "A. Bediener",
-    "begun": "2026-01-01 08:00 UTC", "ended": "2026-01-01 10:12 UTC", "date": "2026-01-01", "instrument": "XD 1",
-    "instrument_serial": "L-0815", "instrument_certificate": "K-2026-7", "wavelength_nm": 632.991,
-    "compensation": "off", "active_files": [],
-}  # fmt: skip
+    "customer": "Gebr. Kunde",
+    "machine": "VM 500",
+    "machine_serial": "M-4711",
+    "survey": "spring 2026",
+    "operator": "A. Bediener",
+    "begun": "2026-01-01 08:00 UTC",
+    "ended": "2026-01-01 10:12 UTC",
+    "date": "2026-01-01",
+    "instrument": "XD 1",
+    "instrument_serial": "L-0815",
+    "instrument_certificate": "K-2026-7",
+    "wavelength_nm": 632.991,
+    "compensation": "off",
+    "active_files": [],
+}
 """What page 1 has to say, as a survey file says it."""
 
 
@@ -49,12 +59,15 @@ def printed(page: pdfium.PdfPage) -> float:
 
 
 def pages_of(document: Path) -> tuple[list[str], list[float]]:
-    """Return of each page as chromium prints it what it says, and where the last thing on it stands; every one is A4."""
+    """Return of each page as chromium prints it what it says, and where the last thing on it
+    stands; every one is A4."""
     pdf = pdfium.PdfDocument(print_pdf(document))
     try:
         pages = list(pdf)
         assert {tuple(round(side) for side in page.get_size()) for page in pages} == {A4_PT}
-        return [" ".join(page.get_textpage().get_text_bounded().split()) for page in pages], [printed(page) for page in pages]
+        return [" ".join(page.get_textpage().get_text_bounded().split()) for page in pages], [
+            printed(page) for page in pages
+        ]
     finally:
         pdf.close()
 
@@ -66,11 +79,16 @@ def torn(texts: Sequence[str], *tables: Sequence[str]) -> list[Sequence[str]]:
 
 @pytest.mark.page
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_certificates_last_page(tmp_path: Path, measured: tuple[Result, object], language: Language) -> None:
-    """Verdict and effect on page 1, no table torn and no page half empty, however many files were loaded."""
+def test_the_certificates_last_page(
+    tmp_path: Path, measured: tuple[Result, object], language: Language
+) -> None:
+    """Verdict and effect on page 1, no table torn and no page half empty, however many files were
+    loaded."""
     before, _ = measured
     out, accept, today = tmp_path / "files", ("slope-steep",), date(2026, 1, 1)
-    exported = exported_of(export(before, "siemens", None, step_mm=25.0, accept=accept, out_dir=out, today=today))
+    exported = exported_of(
+        export(before, "siemens", None, step_mm=25.0, accept=accept, out_dir=out, today=today)
+    )
     assert exported.concluded is not None
     concluded = conclude(before, [exported.concluded])
     left = as_left("after.json", conclude(before), concluded.reach)
@@ -78,22 +96,36 @@ def test_the_certificates_last_page(tmp_path: Path, measured: tuple[Result, obje
     document, *_ = write_report(page, tmp_path / "left.html")
     texts, filled = pages_of(document)
     words = catalogue("report", language)
-    assert [text for text in (words["as_left_title"], words["left_gain_same"], words["predicted"]) if text not in texts[0]] == []
+    assert [
+        text
+        for text in (words["as_left_title"], words["left_gain_same"], words["predicted"])
+        if text not in texts[0]
+    ] == []
     assert torn(texts, ("C0Y", "B0Z", "A0Z"), [file.name for file in exported.files]) == [], texts
     assert min([1.0, *filled[:-1]]) > HALF, filled
 
 
 @pytest.mark.page
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_report_page_by_page(tmp_path: Path, measured: tuple[Result, object], language: Language) -> None:
-    """A4, no half-empty page, page 1 says who, what, with what and how it ends; what U rests on is said once; figures can be read."""
+def test_the_report_page_by_page(
+    tmp_path: Path, measured: tuple[Result, object], language: Language
+) -> None:
+    """A4, no half-empty page, page 1 says who, what, with what and how it ends; what U rests on is
+    said once; figures can be read."""
     result, readings = measured
-    document, *_ = write_report(build_report(result, source="r.json", readings=readings, language=language), tmp_path / "report.html")
+    document, *_ = write_report(
+        build_report(result, source="r.json", readings=readings, language=language),
+        tmp_path / "report.html",
+    )
     texts, filled = pages_of(document)
     assert 6 <= len(texts) <= 9, texts
     assert torn(texts, ("C0Y", "B0Z", "A0Z"), ("ppp", "npp", "pnp", "ppn")) == []
     assert min(filled[:-1]) > HALF, filled
-    said = [str(value) for name, value in SURVEY.items() if name not in ("compensation", "active_files", "date", "wavelength_nm")]
+    said = [
+        str(value)
+        for name, value in SURVEY.items()
+        if name not in ("compensation", "active_files", "date", "wavelength_nm")
+    ]
     words = catalogue("conclusion", language)
     headings = [words[name] for name in ("reached", "wrong", "load", "next_step")]
     assert [text for text in (*said, *headings) if text not in texts[0]] == []
@@ -103,7 +135,8 @@ def test_the_report_page_by_page(tmp_path: Path, measured: tuple[Result, object]
 
 @pytest.mark.page
 def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path) -> None:
-    """The one table that may go on over pages, longer than two of them and each row some lines high: every row is whole on one page."""
+    """The one table that may go on over pages, longer than two of them and each row some lines
+    high: every row is whole on one page."""
     names = [f"R{row:02d}" for row in range(24)]
     by = "ISO 230-6 " + "steps one after the other " * 9
     rows = {
@@ -119,14 +152,18 @@ def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path)
         ]
         for row, name in enumerate(names)
     }
-    document, *_ = write_report(build_report(made_up_result(standards=rows), source="r.json"), tmp_path / "report.html")
+    document, *_ = write_report(
+        build_report(made_up_result(standards=rows), source="r.json"), tmp_path / "report.html"
+    )
     texts, _ = pages_of(document)
     held = [[name for name in names if name in text] for text in texts]
     over = [page for page, found in enumerate(held) if found]
     assert len(over) > 2
     assert sorted(name for found in held for name in found) == names, "every row stands on one page"
     for page in over:
-        assert [name for name in held[page] if not {f"{name}a", f"{name}z"} <= set(texts[page].split())] == []
+        assert [
+            name for name in held[page] if not {f"{name}a", f"{name}z"} <= set(texts[page].split())
+        ] == []
         assert "Setup By Runs E / µm" in texts[page], "the head stands above the rows of every page"
 
 

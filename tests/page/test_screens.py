@@ -1,4 +1,5 @@
-"""The page on every screen, in light and dark, for eyes and fingers: a real browser while a survey is played."""
+"""The page on every screen, in light and dark, for eyes and fingers: a real browser while a survey
+is played."""
 
 import pytest
 from playwright.sync_api import expect
@@ -11,9 +12,12 @@ pytestmark = pytest.mark.page
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "wall": (1920, 1080)}
 
 
-@pytest.mark.parametrize(("size", "scheme"), [("phone", "dark"), ("tablet", "light"), ("wall", "dark")])
+@pytest.mark.parametrize(
+    ("size", "scheme"), [("phone", "dark"), ("tablet", "light"), ("wall", "dark")]
+)
 def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme: str) -> None:
-    """axe-core finds nothing, neither while all is live nor while all is old and an alarm, and nothing is wider than the screen.
+    """axe-core finds nothing, neither while all is live nor while all is old and an alarm, and
+    nothing is wider than the screen.
 
     Light on phone and wall is asked stage by stage in `test_stages`.
     """
@@ -33,8 +37,11 @@ def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme
 
 
 @pytest.mark.parametrize("scheme", ["dark", "light"])
-def test_advice_that_is_old_can_still_be_read(watched: Watched, daemon: Served, scheme: str) -> None:
-    """Struck through as readings are, not faded: a laser that says nothing is when one looks at how the beam was to be set up."""
+def test_advice_that_is_old_can_still_be_read(
+    watched: Watched, daemon: Served, scheme: str
+) -> None:
+    """Struck through as readings are, not faded: a laser that says nothing is when one looks at how
+    the beam was to be set up."""
     page = watched.open(daemon.address, width=1024, height=768, scheme=scheme)
     daemon.do(lambda: daemon.survey.publish(beam=None))
     expect(page.locator("#no-beam")).to_be_visible()
@@ -56,12 +63,16 @@ def test_the_smallest_phone_needs_no_sideways_scrolling(watched: Watched, daemon
 def test_fingers_find_the_buttons(watched: Watched, daemon: Served) -> None:
     """Every control a greasy finger presses is at least 44 px high."""
     page = watched.open(daemon.address, width=390, height=844)
-    heights = page.locator("button:visible, input:visible, select:visible").evaluate_all("all => all.map(one => one.offsetHeight)")
+    heights = page.locator("button:visible, input:visible, select:visible").evaluate_all(
+        "all => all.map(one => one.offsetHeight)"
+    )
     assert heights
     assert min(heights) >= 44
 
 
-def test_light_and_dark_follow_the_room_until_a_person_chooses(watched: Watched, daemon: Served) -> None:
+def test_light_and_dark_follow_the_room_until_a_person_chooses(
+    watched: Watched, daemon: Served
+) -> None:
     """The system's choice first; the button overrides it and is remembered."""
     page = watched.open(daemon.address, scheme="dark")
     paper = "getComputedStyle(document.body).backgroundColor"

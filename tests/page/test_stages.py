@@ -1,4 +1,5 @@
-"""Which stage the page is at, and the one sentence that matters: rules on snapshots first, then what a browser shows."""
+"""Which stage the page is at, and the one sentence that matters: rules on snapshots first, then
+what a browser shows."""
 
 import json
 import subprocess
@@ -16,7 +17,13 @@ from playwright.sync_api import Browser, Page, expect
 from stepdiag.base.messages import Place
 from stepdiag.base.messages import message as say
 from stepdiag.base.readings.runs import Plan, Run
-from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
+from stepdiag.daq.records.status import (
+    DriveStatus,
+    FindingStatus,
+    LinkStatus,
+    SetupStatus,
+    Snapshot,
+)
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
 from stepdiag.page.view import FAST_FIELDS, SHAPED, SLOW_FIELDS, grouped, now_view, survey_view
@@ -36,7 +43,10 @@ def snapshot(tmp_path: Path, **fields: Any) -> Snapshot:
 
 def words(say: Say) -> str:
     """Return a sentence in English as the browser composes it, names of setups left as they are."""
-    known = {name: ", ".join(map(words, value)) if isinstance(value, list) else value for name, value in say.values.items()}
+    known = {
+        name: ", ".join(map(words, value)) if isinstance(value, list) else value
+        for name, value in say.values.items()
+    }
     return catalogue("page", "en")[say.key].format(**known)
 
 
@@ -53,9 +63,24 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         (RUNNING, "drive", False, "To stop 6 of 30"),
         ({**RUNNING, "phase": "dwelling"}, "drive", False, "Measuring stop 6 of 30"),
         ({**RUNNING, "beam_lost": True}, "trouble", True, "Beam lost"),
-        ({**RUNNING, "counts_to": 5}, "trouble", True, "Count lost: this pass counts to stop 5. Go back to stop 5 now"),
-        ({**RUNNING, "counts_to": 5, "beam_lost": True}, "trouble", True, "Beam lost: this pass counts to stop 5. Go back to stop 5 now"),
-        ({**RUNNING, "counts_to": 29, "beam_lost": True, "driven_out": True}, "drive", False, "To stop 6 of 30"),
+        (
+            {**RUNNING, "counts_to": 5},
+            "trouble",
+            True,
+            "Count lost: this pass counts to stop 5. Go back to stop 5 now",
+        ),
+        (
+            {**RUNNING, "counts_to": 5, "beam_lost": True},
+            "trouble",
+            True,
+            "Beam lost: this pass counts to stop 5. Go back to stop 5 now",
+        ),
+        (
+            {**RUNNING, "counts_to": 29, "beam_lost": True, "driven_out": True},
+            "drive",
+            False,
+            "To stop 6 of 30",
+        ),
         ({**RUNNING, "recording": False}, "trouble", True, "Nothing is being recorded!"),
         ({**RUNNING, "alarm": True}, "trouble", True, "Machine alarm"),
         ({**RUNNING, "laser": GONE, "plc": GONE}, "trouble", True, "The laser is silent"),
@@ -68,17 +93,27 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({"phase": "complete"}, "done", False, "Done: all passes are in"),
     ],
 )
-def test_what_blocks_the_survey_comes_first(tmp_path: Path, fields: dict[str, Any], stage: str, alarm: bool, lead: str) -> None:
+def test_what_blocks_the_survey_comes_first(
+    tmp_path: Path, fields: dict[str, Any], stage: str, alarm: bool, lead: str
+) -> None:
     """Every state has one stage and one sentence; an alarm is what a hand must see to at once."""
     found = headline(snapshot(tmp_path, **fields))
     assert (found.stage, found.alarm, words(found.lead)) == (stage, alarm, lead)
     assert words(found.advice)
 
 
-@pytest.mark.parametrize(("again_from", "lead"), [(4, "Repeat npp, pass 1, from stop 4"), (0, "Repeat npp, pass 1")])
-def test_a_broken_pass_says_from_where_to_repeat(tmp_path: Path, again_from: int, lead: str) -> None:
+@pytest.mark.parametrize(
+    ("again_from", "lead"), [(4, "Repeat npp, pass 1, from stop 4"), (0, "Repeat npp, pass 1")]
+)
+def test_a_broken_pass_says_from_where_to_repeat(
+    tmp_path: Path, again_from: int, lead: str
+) -> None:
     """Once the pass is over, the card says what to repeat; nothing burns any more."""
-    drives = (DriveStatus(setup="npp", pass_number=1, from_stop=again_from, stops=31 - again_from, again=True),)
+    drives = (
+        DriveStatus(
+            setup="npp", pass_number=1, from_stop=again_from, stops=31 - again_from, again=True
+        ),
+    )
     found = headline(snapshot(tmp_path, to_drive=drives))
     assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, lead)
 
@@ -92,12 +127,17 @@ def test_what_a_pass_lost_stays_on_the_card_while_the_next_one_runs(tmp_path: Pa
     )
     found = headline(snapshot(tmp_path, **RUNNING, expects_pass=2, to_drive=drives))
     assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, "To stop 6 of 30")
-    assert words(found.advice) == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1, from stop 26."
+    assert (
+        words(found.advice)
+        == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1, from stop 26."
+    )
     assert headline(snapshot(tmp_path, **RUNNING, to_drive=drives[1:])).stage == "drive"
 
 
 @pytest.mark.parametrize("fields", [{"phase": "paused"}, {"expects_setup": ""}])
-def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(tmp_path: Path, fields: dict[str, Any]) -> None:
+def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(
+    tmp_path: Path, fields: dict[str, Any]
+) -> None:
     """Start and the choice of a setup are orders: without the token the card names neither."""
     view = now_view(snapshot(tmp_path, **fields))
     assert any(order in words(view["advice"]) for order in ("Press start", "choose a setup"))
@@ -105,7 +145,8 @@ def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(tmp_path: Path, fiel
 
 
 def test_errors_stand_above_warnings_whatever_came_last() -> None:
-    """Two hundred notes after it do not bury the one error; within a severity what is open stands first, then what is new."""
+    """Two hundred notes after it do not bury the one error; within a severity what is open stands
+    first, then what is new."""
     rows = [
         ("lost", "error", "past"),
         ("old", "warning", "open"),
@@ -113,22 +154,57 @@ def test_errors_stand_above_warnings_whatever_came_last() -> None:
         ("newest", "warning", "past"),
         ("note", "info", "past"),
     ]
-    findings = [FindingStatus(code=code, severity=severity, text="x", state=state) for code, severity, state in rows]
-    assert [entry["code"] for entry in grouped(findings)] == ["lost", "old", "newest", "new", "note"]
+    findings = [
+        FindingStatus(code=code, severity=severity, text="x", state=state)
+        for code, severity, state in rows
+    ]
+    assert [entry["code"] for entry in grouped(findings)] == [
+        "lost",
+        "old",
+        "newest",
+        "new",
+        "note",
+    ]
 
 
 @pytest.mark.parametrize(
     ("setup", "program", "advice"),
     [
-        ("linear-y", "", "Point the laser along Y, mount the retroreflector, then start the program of linear-y."),
+        (
+            "linear-y",
+            "",
+            (
+                "Point the laser along Y, mount the retroreflector, then start the program of "
+                "linear-y."
+            ),
+        ),
         ("fourdof-z", "O9", "Set the 4-DOF head along Z, then start program O9."),
-        ("ppp+1", "O8002", "Turn the laser to diagonal ppp (from X low, Y low, Z low), align the mirror, then start program O8002."),
-        ("npp", "O8002", "Turn the laser to diagonal npp (from X high, Y low, Z low), align the mirror, then start program O8002."),
+        (
+            "ppp+1",
+            "O8002",
+            (
+                "Turn the laser to diagonal ppp (from X low, Y low, Z low), align the mirror, then "
+                "start program O8002."
+            ),
+        ),
+        (
+            "npp",
+            "O8002",
+            (
+                "Turn the laser to diagonal npp (from X high, Y low, Z low), align the mirror, "
+                "then "
+                "start program O8002."
+            ),
+        ),
     ],
 )
-def test_the_set_up_names_the_next_hand(tmp_path: Path, setup: str, program: str, advice: str) -> None:
+def test_the_set_up_names_the_next_hand(
+    tmp_path: Path, setup: str, program: str, advice: str
+) -> None:
     """Which way the laser looks, what is mounted, which program is started."""
-    assert words(headline(snapshot(tmp_path, expects_setup=setup, program=program)).advice) == advice
+    assert (
+        words(headline(snapshot(tmp_path, expects_setup=setup, program=program)).advice) == advice
+    )
 
 
 def test_every_field_of_a_snapshot_is_told_once() -> None:
@@ -140,9 +216,17 @@ def test_every_field_of_a_snapshot_is_told_once() -> None:
 @pytest.mark.parametrize("order", ["xyz", "zyx", "yxz"])
 @pytest.mark.parametrize("outward", [True, False])
 def test_the_route_drawn_is_the_route_driven(order: str, outward: bool) -> None:
-    """Whatever order the axes move in, and on the way back: the page draws the recording's own route."""
-    drawn = geometry(Plan(volume=VOLUME, runs=(Run(setup="npp"),), axis_order=order), (), "npp", 1 if outward else 2)
-    assert [list(one) for one in drawn.route_mm] == make_route(VOLUME, "npp", order, outward=outward).stops_mm.tolist()
+    """Whatever order the axes move in, and on the way back: the page draws the recording's own
+    route."""
+    drawn = geometry(
+        Plan(volume=VOLUME, runs=(Run(setup="npp"),), axis_order=order),
+        (),
+        "npp",
+        1 if outward else 2,
+    )
+    assert [list(one) for one in drawn.route_mm] == make_route(
+        VOLUME, "npp", order, outward=outward
+    ).stops_mm.tolist()
     lengths = sorted(float(np.linalg.norm(np.subtract(*edge))) for edge in drawn.edges_mm)
     assert lengths == sorted([*VOLUME.size_mm] * 4)
     assert all(VOLUME.origin_mm in edge for edge in drawn.edges_mm[:3])
@@ -158,22 +242,48 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
     """Reasons, link details and messages: no English inside a German page."""
     again = say("again-from-or-whole", stop=4)
     reason = say("pass-why", number=1, why=say("stops-missing", stops="5, 6", again=again))
-    setups = (SetupStatus(name="npp", passes_wanted=2, passes_done=0, stops_wanted=62, stops_done=9, state="again", reason=reason),)
-    lost, at = say("beam-lost", why=say("beam-was-lost")), Place(setup="npp", way="out", stop=5, last=30)
+    setups = (
+        SetupStatus(
+            name="npp",
+            passes_wanted=2,
+            passes_done=0,
+            stops_wanted=62,
+            stops_done=9,
+            state="again",
+            reason=reason,
+        ),
+    )
+    lost, at = (
+        say("beam-lost", why=say("beam-was-lost")),
+        Place(setup="npp", way="out", stop=5, last=30),
+    )
     finding = FindingStatus(code="beam-lost", severity="error", text=str(lost), message=lost, at=at)
-    refused = say("refusal-with-code", refusal=say("refusal", where="p.toml: axes.X.step_mm", expected="57.5 mm", found="60 mm"), code="x")
-    now = snapshot(tmp_path, setups=setups, findings=(finding,), message=say("export-refused", control="siemens", why=refused))
+    refused = say(
+        "refusal-with-code",
+        refusal=say("refusal", where="p.toml: axes.X.step_mm", expected="57.5 mm", found="60 mm"),
+        code="x",
+    )
+    now = snapshot(
+        tmp_path,
+        setups=setups,
+        findings=(finding,),
+        message=say("export-refused", control="siemens", why=refused),
+    )
     view = {**survey_view(now), **now_view(now)}
     assert view["setups"][0]["reason"] == {
         "en": str(reason),
-        "de": "Durchgang 1: Messpunkte 5, 6 fehlen: ab Messpunkt 4 wiederholen oder den ganzen Durchgang",
+        "de": "Durchgang 1: Messpunkte 5, 6 fehlen: ab Messpunkt 4 wiederholen oder den ganzen "
+        "Durchgang",
     }
     assert view["message"] == {
-        "en": "export for siemens refused: p.toml: axes.X.step_mm: expected 57.5 mm, found 60 mm [x]",
-        "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war 57,5 mm, gefunden 60 mm [x]",
+        "en": "export for siemens refused: p.toml: axes.X.step_mm: expected 57.5 mm, found 60 mm "
+        "[x]",
+        "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war 57,5 mm, "
+        "gefunden 60 mm [x]",
     }
     assert (
-        view["findings"][0]["sentence"]["de"] == "npp hin, Messpunkt 5: Strahl verloren auf dem Weg zu diesem Messpunkt: "
+        view["findings"][0]["sentence"]["de"]
+        == "npp hin, Messpunkt 5: Strahl verloren auf dem Weg zu diesem Messpunkt: "
         "die Zählung des Lasers verbindet ihn nicht mit den Messpunkten davor"
     )
     assert json.dumps(msgspec.to_builtins(view))
@@ -181,7 +291,8 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
 
 @dataclass(frozen=True, slots=True)
 class Screens:
-    """A played survey and the pages that look at it; ``pictures`` is where what they showed is kept."""
+    """A played survey and the pages that look at it; ``pictures`` is where what they showed is
+    kept."""
 
     daemon: Served
     pages: dict[str, Page]
@@ -225,12 +336,17 @@ MATTERS = {
 
 
 @pytest.fixture(scope="module", params=LANGUAGES)
-def screens(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screens]:
+def screens(
+    request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Screens]:
     """One survey on a phone, a tablet and a wall, in one language."""
     folder = tmp_path_factory.mktemp(f"screens-{request.param}")
     watching = Watched(browser)
     with served(folder, language=request.param) as running:
-        pages = {name: watching.open(running.address, width=width, height=height) for name, (width, height) in SIZES.items()}
+        pages = {
+            name: watching.open(running.address, width=width, height=height)
+            for name, (width, height) in SIZES.items()
+        }
         yield Screens(running, pages, folder.parent, request.param)
     watching.daemon_may_be_away = True
     watching.close()
@@ -239,7 +355,8 @@ def screens(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: 
 @pytest.mark.page
 @pytest.mark.parametrize("stage", STAGES)
 def test_each_stage_on_each_screen(screens: Screens, stage: str) -> None:
-    """What matters is seen without scrolling, nothing is too wide, axe finds nothing, nothing is loaded from outside; pictures are kept."""
+    """What matters is seen without scrolling, nothing is too wide, axe finds nothing, nothing is
+    loaded from outside; pictures are kept."""
     screens.daemon.do(screens.daemon.survey.begin_anew)
     STAGES[stage](screens.daemon)
     for name, page in screens.pages.items():
@@ -260,7 +377,9 @@ def test_an_alarm_takes_the_whole_page(page: Page, daemon: Served) -> None:
     trouble(daemon)
     expect(page.locator("body.alarm")).to_be_attached()
     expect(page.locator("#lead")).to_be_in_viewport(ratio=0.99)
-    expect(page.locator("#lead")).to_have_text("Beam lost: this pass counts to stop 5. Go back to stop 5 now")
+    expect(page.locator("#lead")).to_have_text(
+        "Beam lost: this pass counts to stop 5. Go back to stop 5 now"
+    )
     assert page.title().startswith("⚠ ALARM: Beam lost")
     page.locator("#sound").click()
     expect(page.locator("#sound")).to_have_text("Sound off")
@@ -280,6 +399,8 @@ def test_an_instrument_without_beam_strength_says_so(page: Page, daemon: Served)
 @pytest.mark.page
 def test_a_tilt_of_the_setup_before_is_past(page: Page, daemon: Served) -> None:
     """Between setups the mirror is moved: its old tilt is struck through and advises nothing."""
-    daemon.do(lambda: daemon.survey.publish(tilt_mrad=(2.0, 2.0), tilt_setup="ppp", tilt_live=False))
+    daemon.do(
+        lambda: daemon.survey.publish(tilt_mrad=(2.0, 2.0), tilt_setup="ppp", tilt_live=False)
+    )
     expect(page.locator("#tilt.past")).to_contain_text("diagonal ppp")
     expect(page.locator("#tilt-advice")).to_have_class("note none")

@@ -1,4 +1,5 @@
-"""What others wrote and the page carries: the bytes of the package that was taken, with its licence."""
+"""What others wrote and the page carries: the bytes of the package that was taken, with its
+licence."""
 
 import hashlib
 from pathlib import Path
@@ -16,5 +17,7 @@ UPLOT = {
 
 def test_what_is_vendored_is_what_was_taken() -> None:
     """Nobody has edited it, and nothing stands beside it unnamed."""
-    assert {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in VENDOR.iterdir()} == UPLOT
+    assert {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in VENDOR.iterdir()
+    } == UPLOT
     assert "MIT License" in (VENDOR / "uPlot.LICENSE").read_text(encoding="utf-8")

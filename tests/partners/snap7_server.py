@@ -1,4 +1,5 @@
-"""A control made of snap7's C library: `python snap7_server.py PORT`. DB1 holds 10, 11 .. 23; what is written to its word 20 is printed."""
+"""A control made of snap7's C library: `python snap7_server.py PORT`. DB1 holds 10, 11 .. 23; what
+is written to its word 20 is printed."""
 
 import ctypes
 import sys

@@ -1,8 +1,9 @@
 """One change before the tests: a child process in which the program is another one.
 
-Most changes are within a function. The tests are collected once; each child is forked after that, gives the live function its changed
-code and runs the tests that reach it until one fails. What is outside of functions (a constant, a default) changes what others import:
-there the child is forked before anything is imported, and imports the changed file in place of the one on disk.
+Most changes are within a function. The tests are collected once; each child is forked after that,
+gives the live function its changed code and runs the tests that reach it until one fails. What is
+outside of functions (a constant, a default) changes what others import: there the child is forked
+before anything is imported, and imports the changed file in place of the one on disk.
 """
 
 import ast
@@ -28,7 +29,8 @@ SURVIVED = {0, NO_TESTS}
 
 
 class Question(NamedTuple):
-    """A change, the tests that are asked, what they take unchanged, and whether it is within a function."""
+    """A change, the tests that are asked, what they take unchanged, and whether it is within a
+    function."""
 
     mutation: Mutation
     tests: list[str]
@@ -37,17 +39,24 @@ class Question(NamedTuple):
 
 
 def function(source: str, line: int) -> range | None:
-    """Return the lines of the innermost function around a line; None outside of one, and in one whose value is kept from call to call."""
+    """Return the lines of the innermost function around a line; None outside of one, and in one
+    whose value is kept from call to call."""
     found = None
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.body[0].lineno <= line <= (node.end_lineno or 0):
-            kept = any("cache" in ast.unparse(one) and "property" not in ast.unparse(one) for one in node.decorator_list)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.body[
+            0
+        ].lineno <= line <= (node.end_lineno or 0):
+            kept = any(
+                "cache" in ast.unparse(one) and "property" not in ast.unparse(one)
+                for one in node.decorator_list
+            )
             found = None if kept else range(node.body[0].lineno, (node.end_lineno or 0) + 1)
     return found
 
 
 def question(root: Path, mutation: Mutation, reach: Map) -> Question:
-    """Choose who is asked: the tests that run the line or, where it runs when the file is imported, all that touch the file."""
+    """Choose who is asked: the tests that run the line or, where it runs when the file is imported,
+    all that touch the file."""
     lines = function((root / mutation.path).read_text(encoding="utf-8"), mutation.line)
     tests = reach.tests(mutation.path, lines)
     return Question(mutation, tests, sum(reach.seconds[test] for test in tests), lines is not None)
@@ -64,10 +73,16 @@ def _functions(code: CodeType) -> Iterator[CodeType]:
 
 
 def exchange(path: Path, source: str) -> int:
-    """Give the live functions of a file the code that they have in ``source``. Returns how many were another."""
-    old, new = ([*_functions(compile(text, str(path), "exec"))] for text in (path.read_text(encoding="utf-8"), source))
+    """Give the live functions of a file the code that they have in ``source``. Returns how many
+    were another."""
+    old, new = (
+        [*_functions(compile(text, str(path), "exec"))]
+        for text in (path.read_text(encoding="utf-8"), source)
+    )
     changed = {
-        (before.co_qualname, before.co_firstlineno): after for before, after in zip(old, new, strict=True) if not _same(before, after)
+        (before.co_qualname, before.co_firstlineno): after
+        for before, after in zip(old, new, strict=True)
+        if not _same(before, after)
     }
     count = 0
     gc.unfreeze()  # what is frozen (tests/conftest.py) is not among the objects
@@ -81,14 +96,23 @@ def exchange(path: Path, source: str) -> int:
 
 
 def _same(before: CodeType, after: CodeType) -> bool:
-    plain = [[one for one in code.co_consts if not isinstance(one, CodeType)] for code in (before, after)]
-    inner = [[one for one in code.co_consts if isinstance(one, CodeType)] for code in (before, after)]
-    alike = before.co_code == after.co_code and repr(plain[0]) == repr(plain[1]) and before.co_names == after.co_names
+    plain = [
+        [one for one in code.co_consts if not isinstance(one, CodeType)] for code in (before, after)
+    ]
+    inner = [
+        [one for one in code.co_consts if isinstance(one, CodeType)] for code in (before, after)
+    ]
+    alike = (
+        before.co_code == after.co_code
+        and repr(plain[0]) == repr(plain[1])
+        and before.co_names == after.co_names
+    )
     return alike and len(inner[0]) == len(inner[1]) and all(map(_same, *inner))
 
 
 def change(path: Path, source: str) -> None:
-    """Have this process import other code than the file holds, under whatever name it is imported."""
+    """Have this process import other code than the file holds, under whatever name it is
+    imported."""
     code, honest = compile(source, str(path), "exec", dont_inherit=True), SourceFileLoader.get_code
 
     def get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
@@ -106,7 +130,10 @@ class Selected:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items[:] = sorted((item for item in items if item.nodeid in self.order), key=lambda item: self.order[item.nodeid])
+        items[:] = sorted(
+            (item for item in items if item.nodeid in self.order),
+            key=lambda item: self.order[item.nodeid],
+        )
 
 
 def anew(root: Path, asked: Question) -> int:
@@ -117,7 +144,8 @@ def anew(root: Path, asked: Question) -> int:
 
 
 def at_once(session: pytest.Session, root: Path, asked: Question) -> int:
-    """In a child of a session that has collected: return what the tests say of the changed function."""
+    """In a child of a session that has collected: return what the tests say of the changed
+    function."""
     if not exchange(root / asked.mutation.path, asked.mutation.apply(root)):
         return UNTOUCHED
     session.config.pluginmanager.unregister(name="terminalreporter")
@@ -174,11 +202,21 @@ class Trials:
             if child in self._open:
                 asked, began = self._open.pop(child)
                 code = os.waitstatus_to_exitcode(status)
-                word = "survived" if code in SURVIVED else "timeout" if code < 0 else "untouched" if code == UNTOUCHED else "killed"
+                word = (
+                    "survived"
+                    if code in SURVIVED
+                    else "timeout"
+                    if code < 0
+                    else "untouched"
+                    if code == UNTOUCHED
+                    else "killed"
+                )
                 self._told(asked, word, time.monotonic() - began)
                 return
             for child, (asked, began) in self._open.items():
-                if time.monotonic() - began > 300 + 40 * asked.seconds:  # it waits for something, and for ever
+                if (
+                    time.monotonic() - began > 300 + 40 * asked.seconds
+                ):  # it waits for something, and for ever
                     os.killpg(child, signal.SIGKILL)
             time.sleep(0.02)
 
@@ -191,7 +229,9 @@ class Collected:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        if session.testsfailed:  # in every trial a test would have failed: as if each change were noticed
+        if (
+            session.testsfailed
+        ):  # in every trial a test would have failed: as if each change were noticed
             os._exit(1)
         self._trials.run(self._questions, lambda asked: at_once(session, self._root, asked))
         return True

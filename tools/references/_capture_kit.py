@@ -1,4 +1,5 @@
-"""What the inputs of daq/capture are made of: series of numbers as reference files tell them, a box, its diagonal."""
+"""What the inputs of daq/capture are made of: series of numbers as reference files tell them, a
+box, its diagonal."""
 
 from typing import Any
 

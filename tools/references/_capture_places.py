@@ -1,4 +1,5 @@
-"""Inputs of the reference cases of daq/capture/place: routes, what is known of a route, walks, the first dwell of a log."""
+"""Inputs of the reference cases of daq/capture/place: routes, what is known of a route, walks, the
+first dwell of a log."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -54,15 +55,32 @@ def _routes() -> Iterator[Case]:
         ("fourdof-z", [300.0, 200.0, 100.0], False, 1),
     ):
         diagonal_run = setup[:2] in ("pp", "np", "pn")
-        route = {"size_mm": size, "n": 2 if diagonal_run else 6, "setup": setup, "outward": outward, "order": "xyz" if outward else "zxy"}
+        route = {
+            "size_mm": size,
+            "n": 2 if diagonal_run else 6,
+            "setup": setup,
+            "outward": outward,
+            "order": "xyz" if outward else "zxy",
+        }
         more = {
             "shares": shares if diagonal_run else shares[:13],
             "absolutes": [0.019, 0.021, 5.0] if outward else [5.0, 0.5, 0.02],
             "pairs": pairs,
         }
-        told = route | {"origin_mm": [0.0, 0.0, 0.0] if outward else [5.0, -10.0, 20.0], "places": places} | more
+        told = (
+            route
+            | {"origin_mm": [0.0, 0.0, 0.0] if outward else [5.0, -10.0, 20.0], "places": places}
+            | more
+        )
         yield f"route-{setup}-{'out' if outward else 'back'}", "routes", told
-    short = {"size_mm": [300.0, 200.0, 100.0], "n": 1, "setup": "ppp", "outward": True, "places": places[:5], "pairs": 2}
+    short = {
+        "size_mm": [300.0, 200.0, 100.0],
+        "n": 1,
+        "setup": "ppp",
+        "outward": True,
+        "places": places[:5],
+        "pairs": 2,
+    }
     beyond: list[Any] = [[1.0, 0.0, [a, b]] for a, b in ((0, 1), (0, 2), (1, 2), (1, 3), (2, 3))]
     yield "route-short", "routes", short | {"shares": beyond, "absolutes": [5.0]}
     pairs_of = [(nominal, off) for nominal in (0.0, 1.0, -50.0, 100.0) for off in (0.019, 0.021)]
@@ -127,14 +145,38 @@ def _laser_places() -> Iterator[Case]:
             ["after_nowhere", 33.363, 6],
             ["after_nowhere", 100.18, 6],
         ]
-        steps += [["lost"], *asked[:3], ["after_nowhere", 1.0, 0], ["after_nowhere", 81.178, 0], ["after_nowhere", 91.178, 99]]
+        steps += [
+            ["lost"],
+            *asked[:3],
+            ["after_nowhere", 1.0, 0],
+            ["after_nowhere", 81.178, 0],
+            ["after_nowhere", 91.178, 99],
+        ]
         yield f"laser-places-{name}", "laser-places", {"route": route, "known": {}, "steps": steps}
         known = [["stop_at", round(3.0 + each[1] * 1.003, 3)] for each in asked]
-        yield f"laser-places-known-{name}", "laser-places", {"route": route, "known": {"0": 3.0, "4": 203.5}, "steps": known}
+        yield (
+            f"laser-places-known-{name}",
+            "laser-places",
+            {"route": route, "known": {"0": 3.0, "4": 203.5}, "steps": known},
+        )
 
-    near: list[Any] = [["stop_at", -at] for at in (0.0, 3.0, 3.4, 9.9, 10.1, 13.4, 16.6, 16.8, 18.4, 25.0, 63.0, 66.8, 70.1, 80.0)]
-    steps = [["take", 0, 0.0, False], *near, ["take", 1, -13.363, False], *near, ["take", 2, -66.815, True], *near]
-    yield "laser-places-near", "laser-places", {"route": BOX | {"outward": False}, "known": {}, "steps": steps}
+    near: list[Any] = [
+        ["stop_at", -at]
+        for at in (0.0, 3.0, 3.4, 9.9, 10.1, 13.4, 16.6, 16.8, 18.4, 25.0, 63.0, 66.8, 70.1, 80.0)
+    ]
+    steps = [
+        ["take", 0, 0.0, False],
+        *near,
+        ["take", 1, -13.363, False],
+        *near,
+        ["take", 2, -66.815, True],
+        *near,
+    ]
+    yield (
+        "laser-places-near",
+        "laser-places",
+        {"route": BOX | {"outward": False}, "known": {}, "steps": steps},
+    )
 
 
 def _turns() -> Iterator[Case]:
@@ -148,9 +190,16 @@ def _turns() -> Iterator[Case]:
         ["same", 4, 9.9],
         ["same", 20, 10.0],
     ]
-    asked = {"readings": [10.0, None, 9.95], "ends": [0, 150, 250, 300, 640], "untils": [100, 270, 280, 300, 400, 10_000]}
+    asked = {
+        "readings": [10.0, None, 9.95],
+        "ends": [0, 150, 250, 300, 640],
+        "untils": [100, 270, 280, 300, 400, 10_000],
+    }
     yield "turned", "turned", {"stream": {"every_ns": 10 * MS, "mm": mm}} | asked
-    sparse = {"time_ns": [["line", 10, 0, 30 * MS], ["line", 7, 331 * MS, 31 * MS]], "mm": [["same", 17, 10.0]]}
+    sparse = {
+        "time_ns": [["line", 10, 0, 30 * MS], ["line", 7, 331 * MS, 31 * MS]],
+        "mm": [["same", 17, 10.0]],
+    }
     yield "turned-sparse", "turned", {"stream": sparse} | asked
     offs = [
         [],
@@ -171,12 +220,23 @@ def _turns() -> Iterator[Case]:
             "positions",
             {"route": BOX, "bare": bare, "stops": [[k % 7, off] for k, off in enumerate(offs)]},
         )
-    rounded = [[k % 7, [off, 0.0, 0.0]] for k, off in enumerate((0.0005, 0.00099, 0.0011, 0.0017, 0.3, 0.44, 0.46, -0.7))]
+    rounded = [
+        [k % 7, [off, 0.0, 0.0]]
+        for k, off in enumerate((0.0005, 0.00099, 0.0011, 0.0017, 0.3, 0.44, 0.46, -0.7))
+    ]
     yield "positions-rounded", "positions", {"route": BOX, "bare": True, "stops": rounded}
 
 
 def _stop(index: int, count: int | None = None, reading: Any = -1.0, **more: Any) -> list[Any]:
-    return ["advance", {"stop": index, "stop_count": count, "reading_mm": NOMINAL[index] if reading == -1.0 else reading} | more]
+    return [
+        "advance",
+        {
+            "stop": index,
+            "stop_count": count,
+            "reading_mm": NOMINAL[index] if reading == -1.0 else reading,
+        }
+        | more,
+    ]
 
 
 def _at(index: int, count: int | None = None) -> list[Any]:
@@ -241,8 +301,26 @@ def _walks() -> Iterator[Case]:
     ]
     signals += [["locate", {"at": nowhere}], ["goes_on", [1.0, 2.0]]]
     yield "walk-by-signals", "walk", {"route": BOX, "last_count": 8, "steps": signals}
-    turned = [_at(index, count) for index, count in ((0, 8), (0, 9), (1, 9), (1, 10), (1, 11), (2, 9), (2, 10), (2, 11), (0, 10), (0, 11))]
-    yield "walk-turned", "walk", {"route": BOX, "last_count": 8, "steps": [*turned, _counted("locate", 20)]}
+    turned = [
+        _at(index, count)
+        for index, count in (
+            (0, 8),
+            (0, 9),
+            (1, 9),
+            (1, 10),
+            (1, 11),
+            (2, 9),
+            (2, 10),
+            (2, 11),
+            (0, 10),
+            (0, 11),
+        )
+    ]
+    yield (
+        "walk-turned",
+        "walk",
+        {"route": BOX, "last_count": 8, "steps": [*turned, _counted("locate", 20)]},
+    )
     begins = {"expected": 3, "last_count": 65535, "last_mm": 100.0, "known": {"2": 100.0}}
     goes_on = [
         *(_counted("locate", count) for count in (0, 2, 65535)),
@@ -324,7 +402,11 @@ def _walks() -> Iterator[Case]:
         *map(_sees, (89.1, -71.1, -160.0)),
         _stop(1, None, 89.1),
     ]
-    yield "walk-by-laser", "walk", {"route": BOX, "last_count": None, "steps": [*uncounted, *map(_sees, (-60.0, 20.0, 80.0))]}
+    yield (
+        "walk-by-laser",
+        "walk",
+        {"route": BOX, "last_count": None, "steps": [*uncounted, *map(_sees, (-60.0, 20.0, 80.0))]},
+    )
     back = [
         _sees(320.7),
         _stop(0, None, 320.7),
@@ -335,10 +417,32 @@ def _walks() -> Iterator[Case]:
     yield (
         "walk-by-laser-back",
         "walk",
-        {"route": BOX | {"outward": False}, "last_count": None, "known": {"0": 320.7, "1": 294.0}, "steps": back},
+        {
+            "route": BOX | {"outward": False},
+            "last_count": None,
+            "known": {"0": 320.7, "1": 294.0},
+            "steps": back,
+        },
     )
-    resumed = [_sees(240.5, 6), _sees(None, 6, lost=True), _sees(240.5, 6, lost=True), _sees(0.0, 6, lost=True), _stop(0, 6, 0.0)]
-    yield "walk-resumed", "walk", {"route": BOX, "expected": 4, "last_count": 5, "last_mm": 160.4, "known": {"3": 160.4}, "steps": resumed}
+    resumed = [
+        _sees(240.5, 6),
+        _sees(None, 6, lost=True),
+        _sees(240.5, 6, lost=True),
+        _sees(0.0, 6, lost=True),
+        _stop(0, 6, 0.0),
+    ]
+    yield (
+        "walk-resumed",
+        "walk",
+        {
+            "route": BOX,
+            "expected": 4,
+            "last_count": 5,
+            "last_mm": 160.4,
+            "known": {"3": 160.4},
+            "steps": resumed,
+        },
+    )
     skipped = [
         ["skip", 0, None],
         _sees(80.0),
@@ -350,16 +454,41 @@ def _walks() -> Iterator[Case]:
         _sees(None, lost=True),
         _sees(50.0),
     ]
-    yield "walk-skipped", "walk", {"route": BOX, "last_count": None, "known": {"3": 160.4, "0": 0.0}, "steps": skipped}
+    yield (
+        "walk-skipped",
+        "walk",
+        {"route": BOX, "last_count": None, "known": {"3": 160.4, "0": 0.0}, "steps": skipped},
+    )
     for name, readings in (("on", (230.0, 250.0, -60.0)), ("off", (-60.0, 230.0, 173.72))):
-        some = [_stop(0, None, 0.0), ["skip", 1, None], *map(_sees, readings), ["goes_on", [60.0, 180.268]], ["goes_on", [0.0, 53.452]]]
+        some = [
+            _stop(0, None, 0.0),
+            ["skip", 1, None],
+            *map(_sees, readings),
+            ["goes_on", [60.0, 180.268]],
+            ["goes_on", [0.0, 53.452]],
+        ]
         yield f"walk-skipped-{name}", "walk", {"route": BOX, "last_count": None, "steps": some}
-    nowhere_yet: list[Any] = [_stop(0), _stop(1), _stop(2), ["goes_on", [5.0, 18.363]], ["goes_on", [5.0, 125.268]], _sees(230.0)]
+    nowhere_yet: list[Any] = [
+        _stop(0),
+        _stop(1),
+        _stop(2),
+        ["goes_on", [5.0, 18.363]],
+        ["goes_on", [5.0, 125.268]],
+        _sees(230.0),
+    ]
     for last in (120.268, 53.452, 13.363):
         nowhere_yet += [["goes_on", [9.0, 9.0 + last]], ["goes_on", [1.0, 9.0, 9.0 + last]]]
-    yield "walk-goes-on-from-nowhere", "walk", {"route": BOX, "last_count": None, "steps": nowhere_yet}
+    yield (
+        "walk-goes-on-from-nowhere",
+        "walk",
+        {"route": BOX, "last_count": None, "steps": nowhere_yet},
+    )
     before = [_sees(138.6, 8), _sees(85.2, 7), _stop(2, 8, 138.6), ["expected_reading_mm", 3]]
-    yield "walk-begun-before", "walk", {"route": BOX, "believed": [5.0, 85.2], "last_count": 7, "steps": before}
+    yield (
+        "walk-begun-before",
+        "walk",
+        {"route": BOX, "believed": [5.0, 85.2], "last_count": 7, "steps": before},
+    )
     cube = [
         _stop(0, None, 0.0),
         _stop(1, None, 57.7),
@@ -367,39 +496,87 @@ def _walks() -> Iterator[Case]:
         _stop(2, None, 115.5),
         *map(_sees, (57.7, 86.0, 144.0)),
     ]
-    yield "walk-cube", "walk", {"route": BOX | {"size_mm": [200.0, 200.0, 200.0]}, "last_count": None, "steps": cube}
+    yield (
+        "walk-cube",
+        "walk",
+        {"route": BOX | {"size_mm": [200.0, 200.0, 200.0]}, "last_count": None, "steps": cube},
+    )
 
 
 def _finders() -> Iterator[Case]:
     turn = {"stop": 6, "outward": True, "reading_mm": 320.7}
     hints: dict[str, Any] = {
         "fresh": {"ppp": {}, "npp": {}},
-        "back": {"ppp": {"outward": False, "turn": turn, "last_reading_mm": 320.7, "known": {"6": 320.7, "0": 0.0}}},
-        "middle": {"ppp": {"next_stop": 3, "last_reading_mm": 133.6, "known": {"2": 133.6, "1": 80.2}}},
-        "middle-back": {"ppp": {"outward": False, "next_stop": 2, "last_reading_mm": 294.0, "known": {"5": 294.0}}},
+        "back": {
+            "ppp": {
+                "outward": False,
+                "turn": turn,
+                "last_reading_mm": 320.7,
+                "known": {"6": 320.7, "0": 0.0},
+            }
+        },
+        "middle": {
+            "ppp": {"next_stop": 3, "last_reading_mm": 133.6, "known": {"2": 133.6, "1": 80.2}}
+        },
+        "middle-back": {
+            "ppp": {
+                "outward": False,
+                "next_stop": 2,
+                "last_reading_mm": 294.0,
+                "known": {"5": 294.0},
+            }
+        },
         "done": {"npp": {"wanted": False}, "ppp": {"wanted": False}},
         "offset": {"ppp+1": {"wanted": False}, "ppp+2": {}, "linear-x": {}},
         "head": {"fourdof-z": {}, "ppp": {}},
-        "believed": {"ppp": {"next_stop": 4, "believed": [5.0, 85.2], "last_reading_mm": 85.2, "known": {"3": 85.2}}},
+        "believed": {
+            "ppp": {
+                "next_stop": 4,
+                "believed": [5.0, 85.2],
+                "last_reading_mm": 85.2,
+                "known": {"3": 85.2},
+            }
+        },
         "returning": {"ppp": {"outward": False, "turn": {"stop": 6, "outward": False}}},
         "known-next-0": {"ppp": {"known": {"0": 1.0, "6": 321.7}, "last_reading_mm": 1.0}},
     }
-    firsts: list[Any] = [[[k, 1, 20, None]] for k in range(7)] + [[[k, None, 12, NOMINAL[k]]] for k in range(7)]
-    firsts += [[[None, 1, None, reading]] for reading in (None, 0.0, 80.2, 133.6, 138.6, 160.3, 294.0, 320.7, 240.5, 50.0)]
+    firsts: list[Any] = [[[k, 1, 20, None]] for k in range(7)] + [
+        [[k, None, 12, NOMINAL[k]]] for k in range(7)
+    ]
+    firsts += [
+        [[None, 1, None, reading]]
+        for reading in (None, 0.0, 80.2, 133.6, 138.6, 160.3, 294.0, 320.7, 240.5, 50.0)
+    ]
     firsts += [
         [[None, None, 11, 240.5]],
         [[None, setup, None, None] for setup in (2, 3, 3)],
         [[None, setup, None, None] for setup in (1, 2)],
         [[None, 23, None, None]],
     ]
-    firsts += [[[None, 99, None, 0.0], [None, 11, None, 0.0]], [[None, None, None, None], [None, 4, None, 3.0]], [[None, 0, None, None]]]
+    firsts += [
+        [[None, 99, None, 0.0], [None, 11, None, 0.0]],
+        [[None, None, None, None], [None, 4, None, 3.0]],
+        [[None, 0, None, None]],
+    ]
     asked = [[last, first] for first in firsts for last in (None, 10)]
-    asked += [[last, [[k, 1, 20, 5.0]]] for last in (8, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21) for k in (0, 3, 5, 6)]
+    asked += [
+        [last, [[k, 1, 20, 5.0]]]
+        for last in (8, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21)
+        for k in (0, 3, 5, 6)
+    ]
     for name, hint in hints.items():
         for back in (True, False) if name in ("fresh", "back") else (True,):
             survey = {"n": 2, "back": back, "setups": ["ppp", "npp", "linear-x"]}
-            some = asked if name in ("fresh", "middle", "back") and back else asked[:: 3 if back else 5]
-            yield f"finder-{name}-{'both' if back else 'one'}", "finder", {"survey": survey, "hints": hint, "spots": SPOTS, "asked": some}
+            some = (
+                asked
+                if name in ("fresh", "middle", "back") and back
+                else asked[:: 3 if back else 5]
+            )
+            yield (
+                f"finder-{name}-{'both' if back else 'one'}",
+                "finder",
+                {"survey": survey, "hints": hint, "spots": SPOTS, "asked": some},
+            )
 
 
 def _tables() -> Iterator[Case]:
@@ -410,7 +587,10 @@ def _tables() -> Iterator[Case]:
         for known in ({}, {"0": 0.0})
     ]
     turn = {"stop": 6, "outward": False, "reading_mm": 320.7}
-    hints += [{"outward": outward, "next_stop": 0, "turn": turn | {"outward": not outward}} for outward in (True, False)]
+    hints += [
+        {"outward": outward, "next_stop": 0, "turn": turn | {"outward": not outward}}
+        for outward in (True, False)
+    ]
     for back in (True, False):
         survey = {"n": 2, "back": back, "setups": ["ppp"]}
         told = {
@@ -452,7 +632,12 @@ def _tables() -> Iterator[Case]:
         yield (
             f"located-{name}",
             "located",
-            {"route": route, "taken": taken, "counts": [None, 0, 1, 2, 3], "readings": [sign * level + 0.001 for level in levels]},
+            {
+                "route": route,
+                "taken": taken,
+                "counts": [None, 0, 1, 2, 3],
+                "readings": [sign * level + 0.001 for level in levels],
+            },
         )
 
 

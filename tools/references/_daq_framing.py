@@ -44,9 +44,32 @@ def _framing() -> Iterator[Case]:
             ],
         },
     )
-    yield "counter-fresh", "counter", {"wraps": [], "steps": [{"counts": [0, 1]}, {"counts": [0], "restarted": True}, {"counts": [-1, 5]}]}
-    yield "counter-begins-greeted", "counter", {"wraps": short, "steps": [{"counts": [8], "restarted": True}, {"counts": [8, 9, 1]}]}
-    yield "checksums", "checksums", ["", "123456789", "\x00", "\xff\xff", "A\x80\x7f\x01", "the quick brown fox", "\x55\xaa\x31\xf7\x08"]
+    yield (
+        "counter-fresh",
+        "counter",
+        {
+            "wraps": [],
+            "steps": [{"counts": [0, 1]}, {"counts": [0], "restarted": True}, {"counts": [-1, 5]}],
+        },
+    )
+    yield (
+        "counter-begins-greeted",
+        "counter",
+        {"wraps": short, "steps": [{"counts": [8], "restarted": True}, {"counts": [8, 9, 1]}]},
+    )
+    yield (
+        "checksums",
+        "checksums",
+        [
+            "",
+            "123456789",
+            "\x00",
+            "\xff\xff",
+            "A\x80\x7f\x01",
+            "the quick brown fox",
+            "\x55\xaa\x31\xf7\x08",
+        ],
+    )
 
     def whole(text: bytes) -> bytes:
         return text + bytes((sum(text) % 256,))
@@ -144,15 +167,39 @@ def _framing() -> Iterator[Case]:
     yield (
         "lines-cr",
         "lines",
-        {"cap": 60, "terminator": "\r", "chunks": ["ab\rcd", "\n\r", "x" * 39 + "\r", "y" * 40 + "\r", "z" * 60 + "\r", "z" * 61 + "\r\r"]},
+        {
+            "cap": 60,
+            "terminator": "\r",
+            "chunks": [
+                "ab\rcd",
+                "\n\r",
+                "x" * 39 + "\r",
+                "y" * 40 + "\r",
+                "z" * 60 + "\r",
+                "z" * 61 + "\r\r",
+            ],
+        },
     )
-    fields = [f"{name} {kind}" for name, kind in (("position", "i32"), ("counter", "u16"), ("beam", "f32"), ("status", "u8"))]
-    sizes = [[f"position {kind}{bits}"] for kind in "ui" for bits in (8, 16, 24, 32, 40, 48, 56, 64)]
+    fields = [
+        f"{name} {kind}"
+        for name, kind in (
+            ("position", "i32"),
+            ("counter", "u16"),
+            ("beam", "f32"),
+            ("status", "u8"),
+        )
+    ]
+    sizes = [
+        [f"position {kind}{bits}"] for kind in "ui" for bits in (8, 16, 24, 32, 40, 48, 56, 64)
+    ]
     yield (
         "layout",
         "layout",
         {
-            "frame": hexed(bytes((17 * k + 40) % 256 for k in range(30)) + bytes((255 - 11 * k) % 256 for k in range(30))),
+            "frame": hexed(
+                bytes((17 * k + 40) % 256 for k in range(30))
+                + bytes((255 - 11 * k) % 256 for k in range(30))
+            ),
             "layouts": [
                 [fields, 2],
                 [["skip 3", *fields, "skip 10"], 0],
@@ -178,7 +225,15 @@ def _framing() -> Iterator[Case]:
             ],
         },
     )
-    yield "units", "units", [[unit, 632.9, optics] for unit in ("mm", "um", "nm", "pm", "inch", "counts") for optics in (1, 2, 4)]
+    yield (
+        "units",
+        "units",
+        [
+            [unit, 632.9, optics]
+            for unit in ("mm", "um", "nm", "pm", "inch", "counts")
+            for optics in (1, 2, 4)
+        ],
+    )
 
 
 def inputs() -> Iterator[Case]:

@@ -1,4 +1,5 @@
-"""Inputs of the reference cases of daq/formats: 4-DOF heads, angular instruments, sensors of air."""
+"""Inputs of the reference cases of daq/formats: 4-DOF heads, angular instruments, sensors of
+air."""
 
 import struct
 from collections.abc import Iterator
@@ -34,7 +35,10 @@ def _heads() -> Iterator[Case]:
         *(fourdof(8 + k, values=each) for k, each in enumerate(sums)),
         *(fourdof(19 + k, b"f", values=each) for k, each in enumerate(odd)),
     ]
-    counts = [fourdof(counter) for counter in (30, 30, 35, 2**32 - 1, 0, 1, 2**32 - 2, 999_997, 2**32 - 2, 999_999, 3)]
+    counts = [
+        fourdof(counter)
+        for counter in (30, 30, 35, 2**32 - 1, 0, 1, 2**32 - 2, 999_997, 2**32 - 2, 999_999, 3)
+    ]
     broken = [
         frames[0][:44] + b"\x00\x00",
         fourdof(40, b"i").replace(b"i", b"j", 1),
@@ -46,7 +50,14 @@ def _heads() -> Iterator[Case]:
         b"noise" * 5 + frames[4] + frames[5],
     ]
     for name, full in (("plain", None), ("judged", [1000.0, 1600.0, 500.0])):
-        yield streamed(f"fourdof-{name}", "fourdof", fed(*frames, *counts, *broken), full_sum=full, rate_hz=250.0, latency_s=0.004)
+        yield streamed(
+            f"fourdof-{name}",
+            "fourdof",
+            fed(*frames, *counts, *broken),
+            full_sum=full,
+            rate_hz=250.0,
+            latency_s=0.004,
+        )
     texts = [
         *(fourdof_line(k, 1 << k) for k in range(8)),
         *(fourdof_line(8 + k, values=each) for k, each in enumerate(sums)),
@@ -73,7 +84,14 @@ def _heads() -> Iterator[Case]:
         fourdof_line(4),
         fourdof_line(5) * 2,
     ]
-    yield streamed("fourdof-ascii", "fourdof", fed(*texts), encoding="ascii", full_sum=[900.0, 900.0, 900.0], beam_threshold=0.3)
+    yield streamed(
+        "fourdof-ascii",
+        "fourdof",
+        fed(*texts),
+        encoding="ascii",
+        full_sum=[900.0, 900.0, 900.0],
+        beam_threshold=0.3,
+    )
 
     def detector(x: int, y: int, total: int) -> bytes:
         return bytes.fromhex("72080c0081500300") + struct.pack("<hhHhh", x, y, total, 5, 6)
@@ -103,7 +121,15 @@ def _heads() -> Iterator[Case]:
     yield streamed(
         "tqd",
         "tqd",
-        fed(*sees, b"".join(sees), b"\x01\x02" + sees[0], sees[1][:9], ["resync"], sees[2], sees[3][:8]),
+        fed(
+            *sees,
+            b"".join(sees),
+            b"\x01\x02" + sees[0],
+            sees[1][:9],
+            ["resync"],
+            sees[2],
+            sees[3][:8],
+        ),
         poll_hz=40.0,
         latency_s=0.02,
     )
@@ -130,7 +156,10 @@ def _heads() -> Iterator[Case]:
         "3 003 1e3 1",
     ]
     from_elcomat = [each + "\r" for each in lines]
-    elcomat = r"\s*3\s+[0-9][0-9](?P<valid>[0-3])\s+(?P<first>[-+]?[0-9]+(?:\.[0-9]*)?)\s+(?P<second>[-+]?[0-9]+(?:\.[0-9]*)?)\s*"
+    elcomat = (
+        r"\s*3\s+[0-9][0-9](?P<valid>[0-3])\s+(?P<first>[-+]?[0-9]+(?:\.[0-9]*)?)\s+(?P<second>"
+        r"[-+]?[0-9]+(?:\.[0-9]*)?)\s*"
+    )
     yield streamed(
         "elcomat",
         "elcomat",
@@ -206,7 +235,12 @@ def _heads() -> Iterator[Case]:
 
 
 def _sensors() -> Iterator[Case]:
-    groups = {"air_temperature_c": "T", "air_pressure_hpa": "P", "relative_humidity_percent": "H", "material_temperature_c": "M"}
+    groups = {
+        "air_temperature_c": "T",
+        "air_pressure_hpa": "P",
+        "relative_humidity_percent": "H",
+        "material_temperature_c": "M",
+    }
     pattern = " ".join(f"{letter}=(?P<{name}>[^ ]*)" for name, letter in groups.items())
     said = [
         "T=20.5 P=1013.25 H=45 M=21.25",
@@ -224,7 +258,15 @@ def _sensors() -> Iterator[Case]:
         "T=1 P=2 H=3",
     ]
     body = [each + "\n" for each in said]
-    for unit, pressure in (("C", "hPa"), ("F", "mbar"), ("K", "kPa"), ("C", "Pa"), ("C", "bar"), ("C", "mmHg"), ("C", "inHg")):
+    for unit, pressure in (
+        ("C", "hPa"),
+        ("F", "mbar"),
+        ("K", "kPa"),
+        ("C", "Pa"),
+        ("C", "bar"),
+        ("C", "mmHg"),
+        ("C", "inHg"),
+    ):
         yield streamed(
             f"air-{unit}-{pressure}",
             "air-line",
@@ -236,7 +278,8 @@ def _sensors() -> Iterator[Case]:
         )
     ptu = (
         r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa"
-        r"\s+T\s*=\s*(?P<air_temperature_c>[-+.0-9*]+)\s*'C\s+RH\s*=\s*(?P<relative_humidity_percent>[-+.0-9*]+)\s*%RH\s*"
+        r"\s+T\s*=\s*(?P<air_temperature_c>[-+.0-9*]+)"
+        r"\s*'C\s+RH\s*=\s*(?P<relative_humidity_percent>[-+.0-9*]+)\s*%RH\s*"
     )
     asked = [
         "SEND\r\n",

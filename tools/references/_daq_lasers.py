@@ -22,15 +22,32 @@ from _daq_wire import (
 
 
 def _qudis() -> Iterator[Case]:
-    spread = (0, 1, -1, 123_456_789, -987_654_321_012, (1 << 47) - 1, -(1 << 47), 1 << 24, -(1 << 24), 0x800000, 1 << 23)
+    spread = (
+        0,
+        1,
+        -1,
+        123_456_789,
+        -987_654_321_012,
+        (1 << 47) - 1,
+        -(1 << 47),
+        1 << 24,
+        -(1 << 24),
+        0x800000,
+        1 << 23,
+    )
     first = [
         qudis_data(5, *spread),
         qudis_data(16, 4000, 5000, marker=16383),
         qudis_data(18, 7, marker=0x2AAA),
         qudis_data(19, 8, marker=0x1555),
     ]
-    counts = [qudis_data(index, 100, 200) for index in (20, 21, 25, 24, -2, 0, 2**31 - 1, -(2**31) + 1, 5)]
-    wraps = [qudis_data(index, 1, 2, 3) for index in (2**31 - 3, 0, 999_999, 2**31 - 3, 1_000_003, -4, -1, 2, 5, -4, 999_995, 1)]
+    counts = [
+        qudis_data(index, 100, 200) for index in (20, 21, 25, 24, -2, 0, 2**31 - 1, -(2**31) + 1, 5)
+    ]
+    wraps = [
+        qudis_data(index, 1, 2, 3)
+        for index in (2**31 - 3, 0, 999_999, 2**31 - 3, 1_000_003, -4, -1, 2, 5, -4, 999_995, 1)
+    ]
     answers = [
         qudis(3, 0x0773, 0, 0, 1),
         qudis(3, 0x0773, 0, 0, 0),
@@ -81,7 +98,19 @@ def _qudis() -> Iterator[Case]:
     ]
     junk += [
         struct.pack("<iiiii", length, opcode, 1, 2, 3)
-        for length, opcode in ((16, 2), (16, 5), (15, 4), (12, 4), (17, 4), (18, 4), (16, 0), (16, 1), (16, -1), (4096, 4), (4093, 3))
+        for length, opcode in (
+            (16, 2),
+            (16, 5),
+            (15, 4),
+            (12, 4),
+            (17, 4),
+            (18, 4),
+            (16, 0),
+            (16, 1),
+            (16, -1),
+            (4096, 4),
+            (4093, 3),
+        )
     ]
     largest = qudis(4, 0x0F10, 0, *range(1019))
     junk += [
@@ -100,27 +129,57 @@ def _qudis() -> Iterator[Case]:
         ("2", {"axis": 2, "average": 0, "absolute": True, "sign": -1, "latency_s": 0.002}),
         ("3", {"axis": 3, "average": 16}),
     ):
-        yield streamed(f"qudis-{name}", "qudis", fed(*first, *counts, *answers, *sources, qudis_data(45, 5), *channels), **settings)
+        yield streamed(
+            f"qudis-{name}",
+            "qudis",
+            fed(*first, *counts, *answers, *sources, qudis_data(45, 5), *channels),
+            **settings,
+        )
     yield streamed("qudis-wraps", "qudis", fed(*wraps))
-    yield streamed("qudis-junk", "qudis", fed(*unpaired, *junk, qudis_data(66, 9)[:20], ["resync"], qudis_data(67, 10)))
+    yield streamed(
+        "qudis-junk",
+        "qudis",
+        fed(*unpaired, *junk, qudis_data(66, 9)[:20], ["resync"], qudis_data(67, 10)),
+    )
 
 
 def _lasertex() -> Iterator[Case]:
     air = [
         lasertex(0xB00A, bytes((0, *data)) + bytes(12 - 1 - len(data)))
-        for data in ((0x08, 0x35, 45, 90, 3, 0x27, 0x94), (0xFF, 0x38, 101, 1, 2, 0x00, 0x01), (0x01, 0x00, 7, 0, 0, 0xFF, 0x00))
+        for data in (
+            (0x08, 0x35, 45, 90, 3, 0x27, 0x94),
+            (0xFF, 0x38, 101, 1, 2, 0x00, 0x01),
+            (0x01, 0x00, 7, 0, 0, 0xFF, 0x00),
+        )
     ]
     material = [
         lasertex(0xB00A, bytes((sensor, high, low)) + bytes(9))
         for sensor, high, low in ((1, 7, 208), (2, 8, 52), (255, 255, 156), (1, 7, 255))
     ]
-    distances = [lasertex_distance(steps) for steps in (0, 1, -1, 1_234_567_890_123, -(1 << 55), (1 << 55) - 1)]
-    distances += [lasertex_distance(5, speed=1 << bit) for bit in range(8)] + [lasertex_distance(6, state=9 ^ 1 << bit) for bit in range(8)]
-    distances += [lasertex_distance(7, level=level) for level in (0, 9, 10, 11, 19, 20, 49, 50, 51, 255)]
-    others = [lasertex(code, bytes(12)) for code in (0xB016, 0xB02F, 0xB030, 0xB03C, 0xB07F, 0xB080, 0xB014, 0xA015, 0xB00B)]
+    distances = [
+        lasertex_distance(steps)
+        for steps in (0, 1, -1, 1_234_567_890_123, -(1 << 55), (1 << 55) - 1)
+    ]
+    distances += [lasertex_distance(5, speed=1 << bit) for bit in range(8)] + [
+        lasertex_distance(6, state=9 ^ 1 << bit) for bit in range(8)
+    ]
+    distances += [
+        lasertex_distance(7, level=level) for level in (0, 9, 10, 11, 19, 20, 49, 50, 51, 255)
+    ]
+    others = [
+        lasertex(code, bytes(12))
+        for code in (0xB016, 0xB02F, 0xB030, 0xB03C, 0xB07F, 0xB080, 0xB014, 0xA015, 0xB00B)
+    ]
     broken = bytearray(lasertex_distance(8))
     broken[9] ^= 1
-    mixed = lasertex_distance(9) * 2 + air[0] + lasertex_distance(10) + others[0] + material[0] + lasertex_distance(11)
+    mixed = (
+        lasertex_distance(9) * 2
+        + air[0]
+        + lasertex_distance(10)
+        + others[0]
+        + material[0]
+        + lasertex_distance(11)
+    )
     yield streamed(
         "lasertex",
         "lasertex",
@@ -170,9 +229,13 @@ def _lasertex() -> Iterator[Case]:
 
 
 def _ids3010() -> Iterator[Case]:
-    warnings = [answer(1, warning, 1_000_000_001 + warning, 2_000_000_002, -3_000_000_003) for warning in range(11)]
+    warnings = [
+        answer(1, warning, 1_000_000_001 + warning, 2_000_000_002, -3_000_000_003)
+        for warning in range(11)
+    ]
     qualities = [
-        answer(2, 0, contrast, 7) + answer(1, 0, 1, 2, 3) for contrast in (0, 99, 100, 101, 199, 200, 250, 499, 500, 600, -5, 1000)
+        answer(2, 0, contrast, 7) + answer(1, 0, 1, 2, 3)
+        for contrast in (0, 99, 100, 101, 199, 200, 250, 499, 500, 600, -5, 1000)
     ]
     errors = [
         answer(1, error={"code": -32601, "message": "Method not found"}),
@@ -211,7 +274,15 @@ def _ids3010() -> Iterator[Case]:
         'ult": [0, 4, 5, 6]}\n',
     ]
     for axis, interface, is_air in ((1, "ids", False), (2, "sen", True), (3, "ids", True)):
-        steps = fed(*warnings, *qualities, *errors, '{"id": 1,', ["resync"], answer(1, 0, 7, 8, 9), answer(1, 0, 1, 1, 1) * 2)
+        steps = fed(
+            *warnings,
+            *qualities,
+            *errors,
+            '{"id": 1,',
+            ["resync"],
+            answer(1, 0, 7, 8, 9),
+            answer(1, 0, 1, 1, 1) * 2,
+        )
         yield streamed(
             f"ids3010-{axis}",
             "ids3010",
@@ -260,8 +331,16 @@ def _displays() -> Iterator[Case]:
         ("displayed", {"value": "displayed", "poll_hz": 50.0, "latency_s": 0.03}),
         ("inch", {"value": "displayed", "unit": "inch", "axis": 8}),
     ):
-        eight = ["\x02" + "".join(f"+{k}.5\r\n" for k in range(10)), "\x02" + "".join(f"+{k}\r\n" for k in range(3)) + "\x02"]
-        yield streamed(f"nd-{name}", "nd", fed(*readings, *eight, "\x02+7", ["resync"], "8\r\n", "\x02+1\r\n"), **settings)
+        eight = [
+            "\x02" + "".join(f"+{k}.5\r\n" for k in range(10)),
+            "\x02" + "".join(f"+{k}\r\n" for k in range(3)) + "\x02",
+        ]
+        yield streamed(
+            f"nd-{name}",
+            "nd",
+            fed(*readings, *eight, "\x02+7", ["resync"], "8\r\n", "\x02+1\r\n"),
+            **settings,
+        )
 
 
 def _lines() -> Iterator[Case]:
@@ -302,7 +381,10 @@ def _lines() -> Iterator[Case]:
     body = [each + "\r\n" for each in told]
     for name, settings in (
         ("mm", {}),
-        ("counts", {"unit": "counts", "optics": 2, "sign": -1, "counter_modulus": None, "scale": 3.0}),
+        (
+            "counts",
+            {"unit": "counts", "optics": 2, "sign": -1, "counter_modulus": None, "scale": 3.0},
+        ),
         (
             "full",
             {
@@ -320,7 +402,15 @@ def _lines() -> Iterator[Case]:
         yield streamed(
             f"line-{name}",
             "line",
-            fed(*body, "".join(body[:12]), "bad\r\n" + "".join(body[3:6]), "5,1", ["resync"], ".5,1.0\r\n", body[0]),
+            fed(
+                *body,
+                "".join(body[:12]),
+                "bad\r\n" + "".join(body[3:6]),
+                "5,1",
+                ["resync"],
+                ".5,1.0\r\n",
+                body[0],
+            ),
             **kept,
         )
     yield streamed(
@@ -331,11 +421,18 @@ def _lines() -> Iterator[Case]:
         terminator="\r",
         unit="um",
     )
-    yield streamed("line-first-is-odd", "line", fed("odd\n1.5\n2.5\n"), pattern=r"(?P<position>\d+\.\d)")
+    yield streamed(
+        "line-first-is-odd", "line", fed("odd\n1.5\n2.5\n"), pattern=r"(?P<position>\d+\.\d)"
+    )
     yield streamed(
         "line-wraps",
         "line",
-        fed(*(f"{count} 1.0\n" for count in (65535, 0, 64536, 999, 64536, 1000, 65000, 463, 65000, 464, 10_065_000))),
+        fed(
+            *(
+                f"{count} 1.0\n"
+                for count in (65535, 0, 64536, 999, 64536, 1000, 65000, 463, 65000, 464, 10_065_000)
+            )
+        ),
         pattern=r"(?P<counter>\d+) (?P<position>.*)",
     )
 
@@ -347,17 +444,53 @@ def _frames() -> Iterator[Case]:
     def summed(body: bytes, start: int = 0) -> bytes:
         return body + bytes((sum(body[start:]) % 256,))
 
-    statuses = [framed(1000 + k, k, 0.9, 0x10 | 1 << k) for k in range(8)] + [framed(2000, 8, 0.9, 0)]
+    statuses = [framed(1000 + k, k, 0.9, 0x10 | 1 << k) for k in range(8)] + [
+        framed(2000, 8, 0.9, 0)
+    ]
     beams = [
         framed(-5, 9 + k, beam, 0x10)
-        for k, beam in enumerate((0.0, 0.19, 0.2, 0.39, 0.4, 0.41, 1.9, 2.0, 2.1, 5.0, -1.0, float("nan"), float("inf"), 0.78, 0.81))
+        for k, beam in enumerate(
+            (
+                0.0,
+                0.19,
+                0.2,
+                0.39,
+                0.4,
+                0.41,
+                1.9,
+                2.0,
+                2.1,
+                5.0,
+                -1.0,
+                float("nan"),
+                float("inf"),
+                0.78,
+                0.81,
+            )
+        )
     ]
     ends = [
         framed(position, counter, 2.0, 0x10)
-        for position, counter in ((2**31 - 1, 65535), (-(2**31), 0), (0, 5), (1, 5), (2, 65000), (3, 463), (4, 65000), (5, 464))
+        for position, counter in (
+            (2**31 - 1, 65535),
+            (-(2**31), 0),
+            (0, 5),
+            (1, 5),
+            (2, 65000),
+            (3, 463),
+            (4, 65000),
+            (5, 464),
+        )
     ]
     layout = ["position i32", "counter u16", "beam f32", "status u8"]
-    meant = {"layout": layout, "byte_order": "big", "lost_bits": 0x03, "error_bits": 0x0C, "good_bits": 0x10, "beam_full": 2.0}
+    meant = {
+        "layout": layout,
+        "byte_order": "big",
+        "lost_bits": 0x03,
+        "error_bits": 0x0C,
+        "good_bits": 0x10,
+        "beam_full": 2.0,
+    }
     yield streamed(
         "frames-summed",
         "frames",
@@ -393,7 +526,10 @@ def _frames() -> Iterator[Case]:
         "frames-plain",
         "frames",
         fed(
-            *(struct.pack("<Bd", 0x7E, value) for value in (1.5, -2.5, float("nan"), float("inf"), 1e12)),
+            *(
+                struct.pack("<Bd", 0x7E, value)
+                for value in (1.5, -2.5, float("nan"), float("inf"), 1e12)
+            ),
             struct.pack("<Bd", 0x7E, 3.0) * 3,
             b"\x01\x02",
         ),
@@ -407,7 +543,10 @@ def _frames() -> Iterator[Case]:
         return body + struct.pack(">H", binascii.crc_hqx(body, 0xFFFF))
 
     signed = [
-        crced(7 * k, counter) for k, counter in enumerate((32766, 32767, -32768, -32767, 31769, 32767, -31769, 32767, -31768, -5, -4))
+        crced(7 * k, counter)
+        for k, counter in enumerate(
+            (32766, 32767, -32768, -32767, 31769, 32767, -31769, 32767, -31768, -5, -4)
+        )
     ]
     yield streamed(
         "frames-crc",
@@ -419,10 +558,26 @@ def _frames() -> Iterator[Case]:
         checksum_order="big",
         unit="nm",
     )
-    small = [struct.pack("<BBh", 0x31, counter, 10 * counter) for counter in (250, 255, 0, 127, 255, 127, 255, 126, 0)]
-    yield streamed("frames-small-counter", "frames", fed(*small), sync="31", layout=["counter u8", "position i16"], good_bits=0)
+    small = [
+        struct.pack("<BBh", 0x31, counter, 10 * counter)
+        for counter in (250, 255, 0, 127, 255, 127, 255, 126, 0)
+    ]
+    yield streamed(
+        "frames-small-counter",
+        "frames",
+        fed(*small),
+        sync="31",
+        layout=["counter u8", "position i16"],
+        good_bits=0,
+    )
     wide = [struct.pack("<Bqi", 0x31, counter, 1) for counter in (5, 6, 2**62, 7, 8)]
-    yield streamed("frames-wide-counter", "frames", fed(*wide), sync="31", layout=["counter i64", "position i32"])
+    yield streamed(
+        "frames-wide-counter",
+        "frames",
+        fed(*wide),
+        sync="31",
+        layout=["counter i64", "position i32"],
+    )
 
 
 def _recognised() -> Iterator[Case]:

@@ -6,13 +6,32 @@ from typing import Any
 def limits() -> dict[str, list[Any]]:
     """Return every setting at its limits and just outside, by kind."""
     loss = [0, 0.001, 0.999, 1, -0.001]
-    signs, lengths = [1, -1, 0, 2, -2], {"wavelength_nm": [300, 300.001, 1999.999, 2000, 299], "optics": [0, 1, 2, 3, 4, 5]}
+    signs, lengths = (
+        [1, -1, 0, 2, -2],
+        {"wavelength_nm": [300, 300.001, 1999.999, 2000, 299], "optics": [0, 1, 2, 3, 4, 5]},
+    )
     angles, first = {"pattern": "(?P<first>.*)"}, "(?P<air_temperature_c>.*)"
     frame: dict[str, Any] = {"sync": "AA55", "layout": ["position i32"]}
     stated = {"sync": "AA55", "layout": ["position i32", "status u8"]}
     tables: dict[str, tuple[dict[str, Any], dict[str, list[Any]]]] = {
-        "umd": ({}, {"axis": [0, 1, 2, 3, 4], "phase_bits": [None, 7, 8, 9, 15, 16, 17, 0], "sign": signs, **lengths}),
-        "nd": ({}, {"axis": [0, 1, 8, 9], "resolution_mm": [0, 1e-9, -1e-9], "poll_hz": [0, 0.001, 100, 100.001, -1], "sign": signs}),
+        "umd": (
+            {},
+            {
+                "axis": [0, 1, 2, 3, 4],
+                "phase_bits": [None, 7, 8, 9, 15, 16, 17, 0],
+                "sign": signs,
+                **lengths,
+            },
+        ),
+        "nd": (
+            {},
+            {
+                "axis": [0, 1, 8, 9],
+                "resolution_mm": [0, 1e-9, -1e-9],
+                "poll_hz": [0, 0.001, 100, 100.001, -1],
+                "sign": signs,
+            },
+        ),
         "qudis": ({}, {"axis": [0, 1, 2, 3, 4], "average": [-1, 0, 16, 17], "sign": signs}),
         "ids3010": (
             {},
@@ -24,7 +43,14 @@ def limits() -> dict[str, list[Any]]:
                 "sign": signs,
             },
         ),
-        "lasertex": ({}, {"level_full": [0, 0.001, 0.5, 255, 255.001, 256], "beam_threshold": loss, "sign": signs}),
+        "lasertex": (
+            {},
+            {
+                "level_full": [0, 0.001, 0.5, 255, 255.001, 256],
+                "beam_threshold": loss,
+                "sign": signs,
+            },
+        ),
         "fourdof": (
             {},
             {
@@ -33,7 +59,14 @@ def limits() -> dict[str, list[Any]]:
                 "rate_hz": [None, 0, 1e-9, 0.5, -1],
             },
         ),
-        "tqd": ({}, {"poll_hz": [0, 0.001, 0.5, 200, 200.001, 201], "full_sum_v": [0, 0.001, 0.5, 40, 40.001, 41], "beam_threshold": loss}),
+        "tqd": (
+            {},
+            {
+                "poll_hz": [0, 0.001, 0.5, 200, 200.001, 201],
+                "full_sum_v": [0, 0.001, 0.5, 40, 40.001, 41],
+                "beam_threshold": loss,
+            },
+        ),
         "angles": (
             angles,
             {
@@ -116,14 +149,34 @@ def limits() -> dict[str, list[Any]]:
                 **lengths,
             },
         ),
-        "frames-status": (stated, {"lost_bits": [-1, 0, 255], "error_bits": [-1, 0, 1], "good_bits": [-1, 0, 1], "checksum_from": [6, 7]}),
+        "frames-status": (
+            stated,
+            {
+                "lost_bits": [-1, 0, 255],
+                "error_bits": [-1, 0, 1],
+                "good_bits": [-1, 0, 1],
+                "checksum_from": [6, 7],
+            },
+        ),
     }
     words: dict[str, list[Any]] = {}
     for kind, (base, values) in tables.items():
         own = kind.partition("-")[0]
-        words[kind] = [[own, base | {name: value}] for name, several in values.items() for value in several]
+        words[kind] = [
+            [own, base | {name: value}] for name, several in values.items() for value in several
+        ]
     words["frames"] += [
-        ["frames", {"sync": "AA55", "layout": ["position i32", "skip 999", f"skip {rest}"], "checksum": "crc-16/arc"}] for rest in (17, 18)
+        [
+            "frames",
+            {
+                "sync": "AA55",
+                "layout": ["position i32", "skip 999", f"skip {rest}"],
+                "checksum": "crc-16/arc",
+            },
+        ]
+        for rest in (17, 18)
     ]
-    words["frames"] += [["frames", frame | {"checksum": "sum-8", "checksum_from": start}] for start in (6, 7)]
+    words["frames"] += [
+        ["frames", frame | {"checksum": "sum-8", "checksum_from": start}] for start in (6, 7)
+    ]
     return words

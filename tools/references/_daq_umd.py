@@ -6,8 +6,23 @@ from _daq_wire import Case, fed, streamed, umd_line, umd_three
 
 
 def _umd() -> Iterator[Case]:
-    told = [(8, 100_000), (10, 108), (1, 40), (2, 50), (3, 2134), (4, -250), (5, 101325), (6, 452), (20, 0), (77, 5), (9, 1)]
-    plain = [umd_line(k + 1, at=1000 * k, code=code, data=data) for k, (code, data) in enumerate([(0, 0), *told, *told])]
+    told = [
+        (8, 100_000),
+        (10, 108),
+        (1, 40),
+        (2, 50),
+        (3, 2134),
+        (4, -250),
+        (5, 101325),
+        (6, 452),
+        (20, 0),
+        (77, 5),
+        (9, 1),
+    ]
+    plain = [
+        umd_line(k + 1, at=1000 * k, code=code, data=data)
+        for k, (code, data) in enumerate([(0, 0), *told, *told])
+    ]
     bits = [
         umd_line(k + 30, at=512 + k, phase=value)
         for k, value in enumerate((*(1 << bit for bit in range(16)), -1, -256, 255, 0x7E00, 0x1FF))
@@ -33,10 +48,23 @@ def _umd() -> Iterator[Case]:
             )
         ),
     ]
-    yield streamed("umd-one-axis", "umd", fed(*plain, "".join(bits), "".join(rates), umd_line(72)), sign=-1, latency_s=0.024)
-    three = [umd_three(k + 1, *(told[k] if k < len(told) else (0, 0)), phase=3 * k) for k in range(16)]
+    yield streamed(
+        "umd-one-axis",
+        "umd",
+        fed(*plain, "".join(bits), "".join(rates), umd_line(72)),
+        sign=-1,
+        latency_s=0.024,
+    )
+    three = [
+        umd_three(k + 1, *(told[k] if k < len(told) else (0, 0)), phase=3 * k) for k in range(16)
+    ]
     for axis in (1, 2, 3):
-        steps = fed("".join(three), umd_line(17), umd_three(18), "".join(umd_three(19 + k, phase=1) for k in range(12)))
+        steps = fed(
+            "".join(three),
+            umd_line(17),
+            umd_three(18),
+            "".join(umd_three(19 + k, phase=1) for k in range(12)),
+        )
         yield streamed(
             f"umd-axis-{axis}",
             "umd",
@@ -72,7 +100,9 @@ def _umd() -> Iterator[Case]:
         10_001_001,
         20_001_002,
     ]
-    yield streamed("umd-counts", "umd", fed(*(umd_line(seq, at=7 * k) for k, seq in enumerate(sequence))))
+    yield streamed(
+        "umd-counts", "umd", fed(*(umd_line(seq, at=7 * k) for k, seq in enumerate(sequence)))
+    )
     odd = [
         "98 7 5\r\n",
         umd_line(1),
@@ -107,10 +137,27 @@ def _umd() -> Iterator[Case]:
         "!" + "y" * 60 + "\r\n",
     ]
     yield streamed(
-        "umd-odd-lines", "umd", fed(*odd, ["resync"], "5 5 5\r\n", umd_line(13), "2000 21", ["resync"], "00 7 0\r\n", umd_line(14))
+        "umd-odd-lines",
+        "umd",
+        fed(
+            *odd,
+            ["resync"],
+            "5 5 5\r\n",
+            umd_line(13),
+            "2000 21",
+            ["resync"],
+            "00 7 0\r\n",
+            umd_line(14),
+        ),
     )
-    yield streamed("umd-first-line-cut", "umd", fed("100 7 0 0 5 0 0\r\n" + umd_line(5), umd_line(6)))
-    yield streamed("umd-first-line-whole", "umd", fed(umd_line(5, phase=4)[4:], umd_line(6), umd_line(5, phase=4)))
+    yield streamed(
+        "umd-first-line-cut", "umd", fed("100 7 0 0 5 0 0\r\n" + umd_line(5), umd_line(6))
+    )
+    yield streamed(
+        "umd-first-line-whole",
+        "umd",
+        fed(umd_line(5, phase=4)[4:], umd_line(6), umd_line(5, phase=4)),
+    )
     yield streamed(
         "umd-homodyne",
         "umd",
@@ -135,7 +182,12 @@ def _umd() -> Iterator[Case]:
     )
     steady = [
         [["".join(umd_line(k, at=k) for k in range(a, b)), 1000 * a] for a, b in pairs]
-        for pairs in ([(2, 6), (6, 15), (15, 16)], [(16, 40), (40, 41)], [(41, 44), (46, 50)], [(43, 60)])
+        for pairs in (
+            [(2, 6), (6, 15), (15, 16)],
+            [(16, 40), (40, 41)],
+            [(41, 44), (46, 50)],
+            [(43, 60)],
+        )
     ]
     other = [
         [[umd_line(44, at=1, code=8, data=50_000), 5], [umd_line(45), 6]],
@@ -168,7 +220,12 @@ def _umd() -> Iterator[Case]:
     )
     for axis in (2, 3):
         cut = [["".join(umd_three(k) for k in range(5 * a + 2, 5 * a + 7)), a] for a in range(3)]
-        yield streamed(f"umd-steady-axis-{axis}", "umd", fed(umd_three(1), ["steady", cut], ["steady", [[umd_line(17), 9]]]), axis=axis)
+        yield streamed(
+            f"umd-steady-axis-{axis}",
+            "umd",
+            fed(umd_three(1), ["steady", cut], ["steady", [[umd_line(17), 9]]]),
+            axis=axis,
+        )
     rows = "".join(umd_line(k, at=-k) for k in range(9))
     yield (
         "umd-lines",
@@ -211,9 +268,32 @@ def _umd() -> Iterator[Case]:
             "1 2 3 4 5 6 7 8 \n" * 16,
         ],
     )
-    firmwares = (0, 1, 100, 263, 264, 299, 300, 314, 315, 316, 6000, 0xFFFF, 0x10000 + 264, 0x10000 + 315, 0x20000)
+    firmwares = (
+        0,
+        1,
+        100,
+        263,
+        264,
+        299,
+        300,
+        314,
+        315,
+        316,
+        6000,
+        0xFFFF,
+        0x10000 + 264,
+        0x10000 + 315,
+        0x20000,
+    )
     codes = [[10, firmware] for firmware in firmwares]
-    flags = [[10, 264], *([112, value] for value in (0, 1, 2, 3, 4, 0xFFFD, 2)), [10, 108], [112, 2], [10, 299], [10, 300]]
+    flags = [
+        [10, 264],
+        *([112, value] for value in (0, 1, 2, 3, 4, 0xFFFD, 2)),
+        [10, 108],
+        [112, 2],
+        [10, 299],
+        [10, 300],
+    ]
     more = [
         [3, 100],
         [3, 100],
@@ -232,20 +312,45 @@ def _umd() -> Iterator[Case]:
         [20, 0x01FF],
         [20, 0x10002],
     ]
-    rates = [[8, value] for value in (24414, 24414, 24657, 24659, 24170, 24168, 100, 0, -100, 1, 100_000)]
+    rates = [
+        [8, value] for value in (24414, 24414, 24657, 24659, 24170, 24168, 100, 0, -100, 1, 100_000)
+    ]
     for phase_bits in (None, 8, 16):
-        yield f"umd-board-{phase_bits}", "umd-board", {"phase_bits": phase_bits, "codes": [*codes, *flags, *more, *rates]}
+        yield (
+            f"umd-board-{phase_bits}",
+            "umd-board",
+            {"phase_bits": phase_bits, "codes": [*codes, *flags, *more, *rates]},
+        )
     rows_of = [
         [ref, meas, 1000 + k, phase]
         for k, (ref, meas) in enumerate(
-            ((2000, 2100), (0, 5), (5, 0), (0, 0), (2000, 99), (2000, 100), (2000, 3900), (2000, 3901), (50, 100))
+            (
+                (2000, 2100),
+                (0, 5),
+                (5, 0),
+                (0, 0),
+                (2000, 99),
+                (2000, 100),
+                (2000, 3900),
+                (2000, 3901),
+                (50, 100),
+            )
         )
         for phase in (0, 64, -64, 255, 256, 0x200, 0x400, 0x4000, 0x8000, 0x7E00, -0x7E00, 65535)
     ]
     for use in ("unknown", "8-bit", "16-bit", "ignored"):
         for homodyne, rate_hz, counts in ((None, 1000.0, 1), (False, None, 1), (True, 1000.0, 4)):
-            reading = {"rate_hz": rate_hz, "homodyne": homodyne, "counts_per_cycle": counts, "phase_use": use}
-            yield f"umd-reading-{use}-{homodyne}", "umd-reading", {"reading": reading, "rows": rows_of}
+            reading = {
+                "rate_hz": rate_hz,
+                "homodyne": homodyne,
+                "counts_per_cycle": counts,
+                "phase_use": use,
+            }
+            yield (
+                f"umd-reading-{use}-{homodyne}",
+                "umd-reading",
+                {"reading": reading, "rows": rows_of},
+            )
 
 
 def inputs() -> Iterator[Case]:

@@ -1,4 +1,5 @@
-"""Inputs of the reference cases of daq/formats: bytes as the instruments send them, and the steps that feed them."""
+"""Inputs of the reference cases of daq/formats: bytes as the instruments send them, and the steps
+that feed them."""
 
 import binascii
 import json
@@ -17,7 +18,14 @@ def hexed(data: bytes) -> dict[str, Any]:
 
 def fed(*chunks: Any) -> list[Any]:
     """Return the steps of a decoder: bytes are fed, all else is as it is."""
-    return [["feed", hexed(each)] if isinstance(each, bytes) else ["feed", each] if isinstance(each, str) else each for each in chunks]
+    return [
+        ["feed", hexed(each)]
+        if isinstance(each, bytes)
+        else ["feed", each]
+        if isinstance(each, str)
+        else each
+        for each in chunks
+    ]
 
 
 def streamed(name: str, fmt: str, steps: list[Any], **settings: Any) -> Case:
@@ -25,7 +33,15 @@ def streamed(name: str, fmt: str, steps: list[Any], **settings: Any) -> Case:
 
 
 def umd_line(
-    seq: int, *, ref: int = 2000, meas: int = 2100, at: int = 0, velocity: int = 5, phase: int = 0, code: int = 0, data: int = 0
+    seq: int,
+    *,
+    ref: int = 2000,
+    meas: int = 2100,
+    at: int = 0,
+    velocity: int = 5,
+    phase: int = 0,
+    code: int = 0,
+    data: int = 0,
 ) -> str:
     return f"{ref} {meas} {at} {velocity} {phase} {seq} {code} {data}\r\n"
 
@@ -47,7 +63,9 @@ def qudis_pair(position_pm: int, marker: int = 0) -> tuple[int, int]:
 
 
 def qudis_data(index: int, *positions: int, marker: int = 0) -> bytes:
-    words = [word for k, position in enumerate(positions) for word in qudis_pair(position, marker + k)]
+    words = [
+        word for k, position in enumerate(positions) for word in qudis_pair(position, marker + k)
+    ]
     return qudis(4, 0x0F00, index, *words)
 
 
@@ -66,17 +84,27 @@ def crc8_nrsc5(data: bytes) -> int:
 
 
 def lasertex_distance(steps: int, *, speed: int = 0, state: int = 9, level: int = 80) -> bytes:
-    return lasertex(0xB015, (steps & (1 << 56) - 1).to_bytes(7, "big") + bytes((0x31, 0x00, speed, state, level)))
+    return lasertex(
+        0xB015,
+        (steps & (1 << 56) - 1).to_bytes(7, "big") + bytes((0x31, 0x00, speed, state, level)),
+    )
 
 
 def fourdof(
-    counter: int, kind: bytes = b"i", status: int = 0, values: tuple[Any, ...] = (10, -20, 900, 30, -40, 800, 50, -60, 700)
+    counter: int,
+    kind: bytes = b"i",
+    status: int = 0,
+    values: tuple[Any, ...] = (10, -20, 900, 30, -40, 800, 50, -60, 700),
 ) -> bytes:
     body = struct.pack("<cBI" + ("9i" if kind == b"i" else "9f"), kind, status, counter, *values)
     return b"\xf4\xd0" + body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
 
 
-def fourdof_line(counter: int, status: int = 0, values: tuple[Any, ...] = (10, -20, 900, 30, -40, 800, 50, -60, 700)) -> str:
+def fourdof_line(
+    counter: int,
+    status: int = 0,
+    values: tuple[Any, ...] = (10, -20, 900, 30, -40, 800, 50, -60, 700),
+) -> str:
     body = f"4D,{counter},{status}," + ",".join(map(str, values))
     return f"${body}*{binascii.crc_hqx(body.encode('latin-1'), 0xFFFF):04X}\r\n"
 

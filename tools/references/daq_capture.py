@@ -1,4 +1,5 @@
-"""Inputs of the reference cases of daq/capture: windows, dwells, walks, and whole logs of machines that do what machines do."""
+"""Inputs of the reference cases of daq/capture: windows, dwells, walks, and whole logs of machines
+that do what machines do."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -15,7 +16,9 @@ NUMBERS = ("noise", "alike", "same", "line", "fading", "turns")
 
 def inputs() -> Iterator[Case]:
     """Yield the name of every case, who plays it, and its input."""
-    yield from chain.from_iterable(room.inputs() for room in (_capture_standing, _capture_places, _capture_said, _capture_logs))
+    yield from chain.from_iterable(
+        room.inputs() for room in (_capture_standing, _capture_places, _capture_said, _capture_logs)
+    )
 
 
 def short(told: Any) -> Any:
@@ -29,4 +32,7 @@ def short(told: Any) -> Any:
     return [short(each) for each in told]
 
 
-CASES = {name: (name.replace("-", " "), call, lambda told=told: short(told)) for name, call, told in inputs()}
+CASES = {
+    name: (name.replace("-", " "), call, lambda told=told: short(told))
+    for name, call, told in inputs()
+}

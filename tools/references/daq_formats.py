@@ -1,4 +1,5 @@
-"""Inputs of the reference cases of daq/formats: streams of bytes, settings at their limits, tables of registers."""
+"""Inputs of the reference cases of daq/formats: streams of bytes, settings at their limits, tables
+of registers."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -19,4 +20,6 @@ def inputs() -> Iterator[Case]:
     yield from ((f"settings-{kind}", "settings", told) for kind, told in limits().items())
 
 
-CASES = {name: (name.replace("-", " "), call, lambda told=told: told) for name, call, told in inputs()}
+CASES = {
+    name: (name.replace("-", " "), call, lambda told=told: told) for name, call, told in inputs()
+}

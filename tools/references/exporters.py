@@ -1,4 +1,5 @@
-"""The exporters' cases: what they are stands in testkit.recorded, one module a call; a file holds the cases of one group."""
+"""The exporters' cases: what they are stands in testkit.recorded, one module a call; a file holds
+the cases of one group."""
 
 from testkit.references.exporters import GROUPS, OTHERS
 
@@ -13,11 +14,13 @@ ABOUT = {
     "exchanged": "texts by hand: Etalon Exchange, volumetric files, punch files, lines and numbers",
     "limited": "what controls accept and ask for",
     "kept": "files and sets of files",
-    "weighed": "tables weighed against what a result asks for, in ladders of sizes, shifts and mixtures",
+    "weighed": "tables weighed against what a result asks for, in ladders of sizes, shifts and "
+    "mixtures",
     "served": "the register block that the component for LinuxCNC serves",
     "asked": "profiles with one field that is wrong",
 }
 CASES = {
     f"{call}-{group}": (f"{ABOUT[call]}: {group}", call, lambda group=group: {"group": group})
-    for call, (_, groups) in GROUPS.items() for group in (*groups, OTHERS)
-}  # fmt: skip
+    for call, (_, groups) in GROUPS.items()
+    for group in (*groups, OTHERS)
+}

@@ -5,18 +5,24 @@ Theory of operation ------------------- A wrong line of the survey file spoils e
 same way. Judged stop by stop such a line gives a hundred findings, none of which names the line. So
 the standstills of a pass are judged together, before any of them is reported.
 
-Observations. Standstill i of a pass shows a setup code c, decoded positions p_i (mm, three axes, or none) and the laser's reading r_i (mm,
-while its count is unbroken). The laser does not pass through the control: its steps are an independent witness of where the machine went.
+Observations. Standstill i of a pass shows a setup code c, decoded positions p_i (mm, three axes, or
+none) and the laser's reading r_i (mm, while its count is unbroken). The laser does not pass through
+the control: its steps are an independent witness of where the machine went.
 
 Hypotheses. The pass starts at the first stop of a route (setup, direction, axis order, box); stop i
 has the planned position x_i and the nominal reading n_i. A cause changes exactly one statement:
 
-    positions    p = k x + c per axis      offset, sign, factor, permutation, diameter, a register that is not the commanded position
+    positions    p = k x + c per axis      offset, sign, factor, permutation, diameter, a register
+    that is not the commanded position
     laser        r_i - r_(i-1) = f (n_i - n_(i-1))          sign, optics factor, unit
-    time         the laser's move begins and ends later or earlier than the signals' move: latency of the laser or of the control (both
-                 edges alike), a stop bit that comes before the machine rests (the second edge alone). The steps are then those of the
-                 moves at that time: a window between late signals may hold the reading of the next stop
-    route        another axis order, another setup than the code states, another box. Orders that nothing tells apart, because two axes
+    time         the laser's move begins and ends later or earlier than the signals' move: latency
+    of the laser or of the control (both
+                 edges alike), a stop bit that comes before the machine rests (the second edge
+                 alone). The steps are then those of the
+                 moves at that time: a window between late signals may hold the reading of the next
+                 stop
+    route        another axis order, another setup than the code states, another box. Orders that
+    nothing tells apart, because two axes
                  make the same step, are one hypothesis with two values
 
 Likelihood. Every coordinate scatters by `BESIDE_MM` about its hypothesis, or is an outlier with

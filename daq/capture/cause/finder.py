@@ -14,14 +14,37 @@ from stepdiag.daq.survey.models import Survey
 FIRST, LAST = 3, 8
 
 HELD = frozenset(
-    ["unexpected-position", "wrong-laser-sign", "wrong-axis-order", "wrong-direction", "step-mismatch", "laser-reset", "no-move",
-     "stop-missing", "stop-missed", "stop-lost", "stop-without-reading", "count-disagrees", "count-stuck", "unplanned-setup", "window-step",
-     "stop-doubtful", "reading-differs"]
-)  # fmt: skip
+    [
+        "unexpected-position",
+        "wrong-laser-sign",
+        "wrong-axis-order",
+        "wrong-direction",
+        "step-mismatch",
+        "laser-reset",
+        "no-move",
+        "stop-missing",
+        "stop-missed",
+        "stop-lost",
+        "stop-without-reading",
+        "count-disagrees",
+        "count-stuck",
+        "unplanned-setup",
+        "window-step",
+        "stop-doubtful",
+        "reading-differs",
+    ]
+)
 """Findings not raised before the third standstill: a common cause may explain them."""
 EXPLAINED = HELD | {
-    "position-differs", "place-unknown", "between-stops", "stop-recovered", "other-side", "turned-round", "count-slip", "beam-lost"
-}  # fmt: skip
+    "position-differs",
+    "place-unknown",
+    "between-stops",
+    "stop-recovered",
+    "other-side",
+    "turned-round",
+    "count-slip",
+    "beam-lost",
+}
 """Findings not raised once a cause is named: a reading of the logs by the corrected file raises the
 remaining findings.
 """
@@ -29,7 +52,12 @@ remaining findings.
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
 """Lines that spoil the windows of every pass, even of a pass whose steps fit the file."""
 
-Code = Literal["unexpected-position.cause", "wrong-laser-sign.cause", "wrong-axis-order.cause", "step-mismatch.cause"]
+Code = Literal[
+    "unexpected-position.cause",
+    "wrong-laser-sign.cause",
+    "wrong-axis-order.cause",
+    "step-mismatch.cause",
+]
 CODES: Mapping[str, Code] = {
     "laser.sign": "wrong-laser-sign.cause",
     "volume.axis_order": "wrong-axis-order.cause",
@@ -37,12 +65,15 @@ CODES: Mapping[str, Code] = {
     "laser.line.scale": "step-mismatch.cause",
     "laser.frames.scale": "step-mismatch.cause",
 }
-_NAMING = frozenset([*CODES.values(), "unexpected-position.cause", "unexpected-position.cause-left-out"])
+_NAMING = frozenset(
+    [*CODES.values(), "unexpected-position.cause", "unexpected-position.cause-left-out"]
+)
 
 
 @dataclass(slots=True)
 class CauseFinder:
-    """Follows the first standstills of a log. ``named`` are the lines that earlier logs have named: then no line is."""
+    """Follows the first standstills of a log. ``named`` are the lines that earlier logs have named:
+    then no line is."""
 
     survey: Survey
     hints: Mapping[str, PassHint]
@@ -57,7 +88,8 @@ class CauseFinder:
     """Whether two causes that fit alike were reported."""
 
     def take(self, stand: Stand, setup: str | None, expected: int) -> list[Finding]:
-        """Take the next standstill of the setup that the signals state, ``expected`` to be a certain stop.
+        """Take the next standstill of the setup that the signals state, ``expected`` to be a
+        certain stop.
 
         Return the cause's finding once it is sure, and what was held back where there is none.
         """
@@ -65,7 +97,8 @@ class CauseFinder:
             return []
         stands = self.evidence.stands
         if stands and (stand.reading_mm is None or stand.losses != stands[-1].losses):
-            self.over = True  # the beam was cut on the way: the steps before and after it are of different counts
+            # the beam was cut on the way: the steps before and after it are of different counts
+            self.over = True
             return self.released()
         if not stands and expected:
             return self.leave()
@@ -73,21 +106,34 @@ class CauseFinder:
         return self._judged(setup) if len(stands) >= FIRST else []
 
     def _judged(self, setup: str | None) -> list[Finding]:
-        """Return what the standstills show: the cause's finding, two causes that fit alike, or what was held back."""
+        """Return what the standstills show: the cause's finding, two causes that fit alike, or what
+        was held back."""
         causes = sorted(self._scored(setup), key=lambda each: -each[0])
         if not causes:
             self.over = len(self.evidence) >= LAST
             return self.released() if self.over else []
         best, cause = causes[0]
-        rivals = [(score, other) for score, other in causes[1:] if other.kind != cause.kind and best - score <= SURE]
-        self.plain = not (cause.changes or rivals or SPOILING & set(self.named)) and self.evidence.goes_on(cause.route)
+        rivals = [
+            (score, other)
+            for score, other in causes[1:]
+            if other.kind != cause.kind and best - score <= SURE
+        ]
+        self.plain = not (
+            cause.changes or rivals or SPOILING & set(self.named)
+        ) and self.evidence.goes_on(cause.route)
         named = bool(cause.changes) and self.evidence.confirms(cause)
         if named and not rivals:
             self.found, self.over, self.held = cause, True, []
-            return [] if self.named else [self._finding(cause)]  # until the named line is corrected, later passes show its consequences
+            return (
+                [] if self.named else [self._finding(cause)]
+            )  # until the named line is corrected, later passes show its consequences
         self.over = self.plain or len(self.evidence) >= LAST
         alike = [other for _, other in rivals if named and all(each.changes for _, each in rivals)]
-        news = [_alike(cause, alike[0], len(self.evidence))] if alike and not (self.undecided or self.named) else []
+        news = (
+            [_alike(cause, alike[0], len(self.evidence))]
+            if alike and not (self.undecided or self.named)
+            else []
+        )
         self.undecided = self.undecided or bool(news)
         return [*news, *(self.released() if self.over else [])]
 
@@ -102,7 +148,12 @@ class CauseFinder:
         """Return a finding as far as raised now: a finding that a cause may explain waits for the
         third standstill, or falls away.
         """
-        if found.code not in EXPLAINED or found.severity == "info" or line_named(found) or _is_alike(found):
+        if (
+            found.code not in EXPLAINED
+            or found.severity == "info"
+            or line_named(found)
+            or _is_alike(found)
+        ):
             return [found]
         if self.found is not None or (self.named and self.over and not self.plain):
             return []
@@ -112,7 +163,8 @@ class CauseFinder:
         return []
 
     def released(self) -> list[Finding]:
-        """Return what was held back: nothing explains it. Once a line is named, only a pass that fits the file shows other faults."""
+        """Return what was held back: nothing explains it. Once a line is named, only a pass that
+        fits the file shows other faults."""
         held, self.held = self.held, []
         return held if self.plain or not self.named else []
 
@@ -131,9 +183,13 @@ class CauseFinder:
         what, stops = cause.what or "", len(self.evidence)
         code = CODES.get(line, "unexpected-position.cause")
         if code == "unexpected-position.cause" and not value:
-            words = message("unexpected-position.cause-left-out", what=what, stops=stops, line=line, others=more)
+            words = message(
+                "unexpected-position.cause-left-out", what=what, stops=stops, line=line, others=more
+            )
         else:
-            words = message(code, what=what, stops=stops, line=line, value="; ".join([value, *more]))
+            words = message(
+                code, what=what, stops=stops, line=line, value="; ".join([value, *more])
+            )
         return finding("error", words, Place(setup=cause.route.setup))
 
 
@@ -145,8 +201,13 @@ def line_named(found: Finding) -> str:
 
 
 def line_to_correct(found: Finding) -> str:
-    """Return the line of the survey file that cures what a finding is about, the stops or the air; empty for another finding."""
-    return _line(found) if found.message is not None and found.message.key in (*_NAMING, "conditions-held.unit") else ""
+    """Return the line of the survey file that cures what a finding is about, the stops or the air;
+    empty for another finding."""
+    return (
+        _line(found)
+        if found.message is not None and found.message.key in (*_NAMING, "conditions-held.unit")
+        else ""
+    )
 
 
 def _line(found: Finding) -> str:
@@ -154,15 +215,29 @@ def _line(found: Finding) -> str:
 
 
 def _is_alike(found: Finding) -> bool:
-    return found.message is not None and found.message.key in ("step-mismatch.alike", "step-mismatch.alike-all-along")
+    return found.message is not None and found.message.key in (
+        "step-mismatch.alike",
+        "step-mismatch.alike-all-along",
+    )
 
 
 def _alike(one: Cause, other: Cause, stops: int) -> Finding:
     """Return the finding of two causes that fit alike, with the next move that separates them."""
-    first, second = (message("line-is", line=each.changes[0][0], value=each.changes[0][1]) for each in (one, other))
+    first, second = (
+        message("line-is", line=each.changes[0][0], value=each.changes[0][1])
+        for each in (one, other)
+    )
     place = Place(setup=one.route.setup)
     stop = one.parts_from(other, stops)
     if stop is None:
-        return finding("warning", message("step-mismatch.alike-all-along", stops=stops, one=first, other=second), place)
+        return finding(
+            "warning",
+            message("step-mismatch.alike-all-along", stops=stops, one=first, other=second),
+            place,
+        )
     axis = one.route.axis_to(stop).upper()
-    return finding("warning", message("step-mismatch.alike", stops=stops, one=first, other=second, axis=axis, stop=stop), place)
+    return finding(
+        "warning",
+        message("step-mismatch.alike", stops=stops, one=first, other=second, axis=axis, stop=stop),
+        place,
+    )

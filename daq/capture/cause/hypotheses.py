@@ -11,7 +11,17 @@ from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, SETUP_NUMBERS
 from stepdiag.base.readings.runs import Plan
 from stepdiag.base.setups import setup_of
-from stepdiag.daq.capture.cause.likelihood import BESIDE_MM, CONFIRMED, EDGE_S, LEAST_LATE_S, Cause, Change, Evidence, Matrix, Move
+from stepdiag.daq.capture.cause.likelihood import (
+    BESIDE_MM,
+    CONFIRMED,
+    EDGE_S,
+    LEAST_LATE_S,
+    Cause,
+    Change,
+    Evidence,
+    Matrix,
+    Move,
+)
 from stepdiag.daq.capture.log_start import PassHint
 from stepdiag.daq.capture.place.route import Route, route_of
 from stepdiag.daq.survey.models import Survey
@@ -49,36 +59,75 @@ class Library:
 
     def _laser_causes(self, route: Route) -> Iterator[Cause]:
         laser = self.survey.laser
-        yield Cause(route, laser=-1.0, kind="laser.sign", what=message("cause-laser-sign"), changes=(("laser.sign", f"{-laser.sign}"),))
-        wanted, seen = np.diff(route.nominal_mm[: len(self.evidence)]), self.evidence.steps_mm()[: len(route) - 1]
+        yield Cause(
+            route,
+            laser=-1.0,
+            kind="laser.sign",
+            what=message("cause-laser-sign"),
+            changes=(("laser.sign", f"{-laser.sign}"),),
+        )
+        wanted, seen = (
+            np.diff(route.nominal_mm[: len(self.evidence)]),
+            self.evidence.steps_mm()[: len(route) - 1],
+        )
         fitted = float(f"{np.nansum(seen * wanted) / np.sum(wanted**2):.4g}")
         for factor in dict.fromkeys((*FACTORS, 4.0, 0.25, fitted)):
             free = int(factor == fitted and factor not in FACTORS)
-            yield Cause(route, laser=factor, free=free, kind="laser.factor", what=message("cause-laser-factor", factor=factor),
-                        changes=(laser_change(self.survey, factor),))  # fmt: skip
+            yield Cause(
+                route,
+                laser=factor,
+                free=free,
+                kind="laser.factor",
+                what=message("cause-laser-factor", factor=factor),
+                changes=(laser_change(self.survey, factor),),
+            )
 
     def _time_causes(self, route: Route) -> Iterator[Cause]:
         """Yield a late laser or control, and an early stop bit, by the delays of the moves."""
-        laser_s, plc_s, settle_s = self.survey.laser.latency_s, self.survey.plc.latency_s, self.survey.stop.settle_s
-        for both in self._seen_s(lambda move: 0.5 * (move.left_s + move.came_s), lambda move: move.left_s - move.came_s):
+        laser_s, plc_s, settle_s = (
+            self.survey.laser.latency_s,
+            self.survey.plc.latency_s,
+            self.survey.stop.settle_s,
+        )
+        for both in self._seen_s(
+            lambda move: 0.5 * (move.left_s + move.came_s), lambda move: move.left_s - move.came_s
+        ):
             if both > 0:
-                what, change = message("cause-laser-late", late_s=both), ("laser.latency_s", f"{laser_s + both:.2f}")
+                what, change = (
+                    message("cause-laser-late", late_s=both),
+                    ("laser.latency_s", f"{laser_s + both:.2f}"),
+                )
             else:
-                what, change = message("cause-plc-late", late_s=-both), ("plc.latency_s", f"{plc_s - both:.2f}")
-            yield Cause(route, late_s=(both, both), free=1, kind=change[0], what=what, changes=(change,))
+                what, change = (
+                    message("cause-plc-late", late_s=-both),
+                    ("plc.latency_s", f"{plc_s - both:.2f}"),
+                )
+            yield Cause(
+                route, late_s=(both, both), free=1, kind=change[0], what=what, changes=(change,)
+            )
         for came in self._seen_s(lambda move: move.came_s, lambda move: move.left_s):
             if came > 0:
-                yield Cause(route, late_s=(0.0, came), free=1, kind="bit early", what=message("cause-bit-early", early_s=came),
-                            changes=(("stop.settle_s", f"{settle_s + came:.2f}"),))  # fmt: skip
+                yield Cause(
+                    route,
+                    late_s=(0.0, came),
+                    free=1,
+                    kind="bit early",
+                    what=message("cause-bit-early", early_s=came),
+                    changes=(("stop.settle_s", f"{settle_s + came:.2f}"),),
+                )
 
-    def _seen_s(self, late_s: Callable[[Move], float], off_s: Callable[[Move], float]) -> list[float]:
+    def _seen_s(
+        self, late_s: Callable[[Move], float], off_s: Callable[[Move], float]
+    ) -> list[float]:
         """Return the delays of moves, each value once: the mean of agreeing delays; ``off_s`` is
         zero for a move of this delay.
         """
         seen = sorted(
-            late_s(move) for each in self.evidence.stands for move in each.moves
+            late_s(move)
+            for each in self.evidence.stands
+            for move in each.moves
             if abs(off_s(move)) < 4 * move.u_s and abs(late_s(move)) > LEAST_LATE_S
-        )  # fmt: skip
+        )
         groups: list[list[float]] = []
         for value in seen:
             if groups and value - groups[-1][-1] < EDGE_S:
@@ -99,8 +148,12 @@ class Library:
         for orders, route in alike.values():
             if self.survey.axis_order not in orders:
                 value = " or ".join(f'"{order}"' for order in orders)
-                yield Cause(route, kind=f"order {value}", what=message("cause-axis-order", orders=orders),
-                            changes=(("volume.axis_order", value),))  # fmt: skip
+                yield Cause(
+                    route,
+                    kind=f"order {value}",
+                    what=message("cause-axis-order", orders=orders),
+                    changes=(("volume.axis_order", value),),
+                )
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
         """Yield a box with another length of an axis, by the positions, else by the steps."""
@@ -108,25 +161,48 @@ class Library:
             for length_mm in self._lengths_mm(axis, shown, steps, setup):
                 plan = _resized(self.survey.planned, axis, length_mm)
                 route = self._route(setup, plan)
-                yield Cause(route, free=1, kind=f"box {axis}", what=message("cause-box", axis=AXES[axis].upper(), length_mm=length_mm),
-                            changes=(("volume.size_mm", str([round(value, 4) for value in plan.volume.size_mm])),))  # fmt: skip
+                yield Cause(
+                    route,
+                    free=1,
+                    kind=f"box {axis}",
+                    what=message("cause-box", axis=AXES[axis].upper(), length_mm=length_mm),
+                    changes=(
+                        ("volume.size_mm", str([round(value, 4) for value in plan.volume.size_mm])),
+                    ),
+                )
 
-    def _lengths_mm(self, axis: int, shown: Matrix | None, steps: Matrix, setup: str) -> list[float]:
+    def _lengths_mm(
+        self, axis: int, shown: Matrix | None, steps: Matrix, setup: str
+    ) -> list[float]:
         increments, size = self.survey.volume.increments, self.survey.volume.size_mm[axis]
-        moved = float(np.max(np.abs(np.diff(shown[:, axis])), initial=0.0)) if shown is not None else 0.0
+        moved = (
+            float(np.max(np.abs(np.diff(shown[:, axis])), initial=0.0))
+            if shown is not None
+            else 0.0
+        )
         if shown is not None and moved > BESIDE_MM:
-            lengths = [moved * increments, float(np.max(np.abs(shown[:, axis] - self.survey.volume.origin_mm[axis])))]
-        else:  # a longer axis turns the diagonal: the steps along the others show it before this axis moves
+            lengths = [
+                moved * increments,
+                float(np.max(np.abs(shown[:, axis] - self.survey.volume.origin_mm[axis]))),
+            ]
+        # a longer axis turns the diagonal: the steps along the others show it before this axis
+        # moves
+        else:
             lengths = [self._length_by_laser(setup, axis, steps)]
         return [round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > BESIDE_MM]
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
-        """Return the length of one axis at which the steps fit best, in mm: on a grid, then between its neighbours."""
+        """Return the length of one axis at which the steps fit best, in mm: on a grid, then between
+        its neighbours."""
         plan, count = self.survey.planned, len(steps) + 1
 
         def misfit(length_mm: float) -> float:
             route = self._route(setup, _resized(plan, axis, length_mm))
-            return float(np.nansum((steps - np.diff(route.nominal_mm[:count])) ** 2)) if len(route) >= count else math.inf
+            return (
+                float(np.nansum((steps - np.diff(route.nominal_mm[:count])) ** 2))
+                if len(route) >= count
+                else math.inf
+            )
 
         low, high = 0.2 * plan.volume.size_mm[axis], 4.0 * plan.volume.size_mm[axis]
         for _ in range(6):
@@ -149,10 +225,14 @@ class Library:
             yield self._mapped(route, "offset", [axis], shifts={axis: moved}, free=1)
             turned = float(first[axis] + start[axis])
             yield self._mapped(route, "sign", [axis], factors={axis: -1.0})
-            yield self._mapped(route, "sign-offset", [axis], factors={axis: -1.0}, shifts={axis: turned}, free=1)
+            yield self._mapped(
+                route, "sign-offset", [axis], factors={axis: -1.0}, shifts={axis: turned}, free=1
+            )
             for factor in FACTORS:
                 yield self._mapped(route, "factor", [axis], factors={axis: factor})
-        yield self._mapped(route, "offset", [0, 1, 2], shifts=dict(enumerate((first - start).tolist())), free=3)
+        yield self._mapped(
+            route, "offset", [0, 1, 2], shifts=dict(enumerate((first - start).tolist())), free=3
+        )
         for factor in (*FACTORS, -1.0):
             yield self._mapped(route, "factor", [0, 1, 2], factors=dict.fromkeys(range(3), factor))
         for axes in permutations(range(3)):
@@ -160,13 +240,26 @@ class Library:
                 yield self._permuted(route, axes)
         if np.ptp(shown, axis=0).max() <= BESIDE_MM:
             lines = tuple((f"plc.signals.{axis}_mm", "") for axis in AXES)
-            yield Cause(route, factors=(0.0, 0.0, 0.0), shifts_mm=tuple(first.tolist()), kind="standing",
-                        free=0 if np.abs(first).max() <= BESIDE_MM else 3, what=message("cause-not-commanded"), changes=lines)  # fmt: skip
+            yield Cause(
+                route,
+                factors=(0.0, 0.0, 0.0),
+                shifts_mm=tuple(first.tolist()),
+                kind="standing",
+                free=0 if np.abs(first).max() <= BESIDE_MM else 3,
+                what=message("cause-not-commanded"),
+                changes=lines,
+            )
 
     def _mapped(
-        self, route: Route, key: str, axes: Sequence[int], *, factors: dict[int, float] | None = None,
-        shifts: dict[int, float] | None = None, free: int = 0
-    ) -> Cause:  # fmt: skip
+        self,
+        route: Route,
+        key: str,
+        axes: Sequence[int],
+        *,
+        factors: dict[int, float] | None = None,
+        shifts: dict[int, float] | None = None,
+        free: int = 0,
+    ) -> Cause:
         k = np.array([(factors or {}).get(axis, 1.0) for axis in range(3)])
         c = np.array([(shifts or {}).get(axis, 0.0) for axis in range(3)])
         changes: list[Change] = []
@@ -178,11 +271,22 @@ class Library:
             if k[axis] != 1.0:
                 changes.append((f"{name}.scale", f"{spec.scale / k[axis]:.9g}"))
             if abs(c[axis]) > BESIDE_MM:
-                changes.append((f"{name}.offset", f"{round((spec.offset - c[axis]) / k[axis], 4):.9g}"))
+                changes.append(
+                    (f"{name}.offset", f"{round((spec.offset - c[axis]) / k[axis], 4):.9g}")
+                )
         named = ", ".join(AXES[axis].upper() for axis in axes)
-        what = message("cause-map", axes=named, factor=float(k[axes[0]]), shift_mm=float(c[axes[0]]))
-        return Cause(route, factors=tuple(k.tolist()), shifts_mm=tuple(c.tolist()), free=free, kind=f"{key} {named}",
-                     what=what, changes=tuple(changes))  # fmt: skip
+        what = message(
+            "cause-map", axes=named, factor=float(k[axes[0]]), shift_mm=float(c[axes[0]])
+        )
+        return Cause(
+            route,
+            factors=tuple(k.tolist()),
+            shifts_mm=tuple(c.tolist()),
+            free=free,
+            kind=f"{key} {named}",
+            what=what,
+            changes=tuple(changes),
+        )
 
     def _permuted(self, route: Route, axes: tuple[int, ...]) -> Cause:
         specs = [self.survey.plc.signals.get(f"{axis}_mm") for axis in AXES]
@@ -192,7 +296,13 @@ class Library:
             if at != shows and (spec := specs[at]) is not None
         )
         shows = "".join(AXES[axis].upper() for axis in axes)
-        return Cause(route, axes=axes, kind=f"permuted {axes}", what=message("cause-permuted", shows=shows), changes=changes)
+        return Cause(
+            route,
+            axes=axes,
+            kind=f"permuted {axes}",
+            what=message("cause-permuted", shows=shows),
+            changes=changes,
+        )
 
     def _code_causes(self, setup: str | None) -> Iterator[Cause]:
         """Yield every other setup of the plan: the machine drives it, the code states another
@@ -200,12 +310,22 @@ class Library:
         """
         code = self.evidence.stands[0].signals.setup
         for name in self.hints:
-            number = next((number for number, base in SETUP_NUMBERS.items() if base == setup_of(name).base), None)
+            number = next(
+                (number for number, base in SETUP_NUMBERS.items() if base == setup_of(name).base),
+                None,
+            )
             if name == setup or number is None or code is None or setup_of(name).is_fourdof:
                 continue
             route = self._route(name)
-            what = message("cause-setup-code", code=code, stated=setup or message("unknown-setup"), driven=name)
-            yield Cause(route, kind=f"setup {name}", what=what, changes=(("plc.signals.setup.offset", str(number - code)),))
+            what = message(
+                "cause-setup-code", code=code, stated=setup or message("unknown-setup"), driven=name
+            )
+            yield Cause(
+                route,
+                kind=f"setup {name}",
+                what=what,
+                changes=(("plc.signals.setup.offset", str(number - code)),),
+            )
 
 
 def laser_change(survey: Survey, factor: float) -> Change:
@@ -222,5 +342,7 @@ def laser_change(survey: Survey, factor: float) -> Change:
 
 def _resized(plan: Plan, axis: int, length_mm: float) -> Plan:
     """Return the plan with another length of one axis of its box."""
-    x_mm, y_mm, z_mm = (length_mm if each == axis else value for each, value in enumerate(plan.volume.size_mm))
+    x_mm, y_mm, z_mm = (
+        length_mm if each == axis else value for each, value in enumerate(plan.volume.size_mm)
+    )
     return replace(plan, volume=replace(plan.volume, size_mm=(x_mm, y_mm, z_mm)))

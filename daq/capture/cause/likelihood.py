@@ -17,7 +17,8 @@ from stepdiag.daq.timing.stream import StreamBuffer
 
 BESIDE_MM, RANGE_MM = 0.1, 1000.0
 STEP_MM, STEP_SHARE = 0.02, 0.01
-"""A step of the laser is off by settling and rounded positions, and by a mirror that leans: the cosine of a bad alignment is 1e-3."""
+"""A step of the laser is off by settling and rounded positions, and by a mirror that leans: the
+cosine of a bad alignment is 1e-3."""
 OUTLIER = 1e-3
 CAUSE, SURE = 6.0, 7.0
 """A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
@@ -41,7 +42,8 @@ class Move:
     """A move seen by the laser: its delays in s against the signals, on leaving the standstill
     before and on arriving, and its length.
 
-    ``u_s`` is the standard uncertainty of both times: the bins of the plateaus and the pace of the polls.
+    ``u_s`` is the standard uncertainty of both times: the bins of the plateaus and the pace of the
+    polls.
     """
 
     left_s: float
@@ -50,7 +52,8 @@ class Move:
     u_s: float
 
     def fits(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of both times where the laser is so much later than the signals."""
+        """Return the logarithm of the likelihood of both times where the laser is so much later
+        than the signals."""
         off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
 
@@ -69,14 +72,16 @@ class Stand:
     moves: tuple[Move, ...] = ()
 
     def move(self, late_s: tuple[float, float]) -> Move | None:
-        """Return the move to this standstill where the laser is so much later than the signals; None where none was seen."""
+        """Return the move to this standstill where the laser is so much later than the signals;
+        None where none was seen."""
         return max(self.moves, key=lambda move: move.fits(late_s), default=None)
 
 
 def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
     """Return the moves of the laser about two dwells in a row: from any plateau to any later one.
 
-    The moments of the signals lie between two polls; those of the laser are the edges of its plateaus.
+    The moments of the signals lie between two polls; those of the laser are the edges of its
+    plateaus.
     """
     poll_ns = dwell.from_ns - (dwell.not_before_ns or dwell.from_ns)
     span = laser.span(before.from_ns - MOST_LATE_S * 1e9, math.inf)
@@ -84,14 +89,20 @@ def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Mov
     u_s = math.hypot(EDGE_S, poll_ns * 1e-9 / math.sqrt(12))
     moves = (
         Move(
-            (level.to_ns - before.to_ns - poll_ns / 2) * 1e-9, (after.from_ns - dwell.from_ns + poll_ns / 2) * 1e-9,
-            after.level_mm - level.level_mm, u_s,
+            (level.to_ns - before.to_ns - poll_ns / 2) * 1e-9,
+            (after.from_ns - dwell.from_ns + poll_ns / 2) * 1e-9,
+            after.level_mm - level.level_mm,
+            u_s,
         )
         for number, level in enumerate(levels)
         for after in levels[number + 1 :]
-    )  # fmt: skip
+    )
     return tuple(
-        each for each in moves if abs(each.left_s) < MOST_LATE_S and abs(each.came_s) < MOST_LATE_S and abs(each.step_mm) > LEAST_MOVE_MM
+        each
+        for each in moves
+        if abs(each.left_s) < MOST_LATE_S
+        and abs(each.came_s) < MOST_LATE_S
+        and abs(each.step_mm) > LEAST_MOVE_MM
     )
 
 
@@ -127,7 +138,8 @@ class Cause:
         return steps
 
     def parts_from(self, other: "Cause", stops: int) -> int | None:
-        """Return the first stop after so many at which another hypothesis shows another position or step; None where none does."""
+        """Return the first stop after so many at which another hypothesis shows another position or
+        step; None where none does."""
         count = min(len(self.route), len(other.route))
         apart = np.any(np.abs(self.shown_mm(count) - other.shown_mm(count)) > 4 * BESIDE_MM, axis=1)
         apart[1:] |= ~_agrees(self.steps_mm(count), other.steps_mm(count))
@@ -148,11 +160,18 @@ class Evidence:
         """Return the laser's steps between the standstills; for a laser late against the signals,
         the steps of its moves at that time.
         """
-        readings = [math.nan if each.reading_mm is None else each.reading_mm for each in self.stands]
+        readings = [
+            math.nan if each.reading_mm is None else each.reading_mm for each in self.stands
+        ]
         steps: Matrix = np.diff(np.array(readings))
         if late_s != ON_TIME:
             moves = [each.move(late_s) for each in self.stands[1:]]
-            steps = np.array([step if move is None else move.step_mm for step, move in zip(steps, moves, strict=True)])
+            steps = np.array(
+                [
+                    step if move is None else move.step_mm
+                    for step, move in zip(steps, moves, strict=True)
+                ]
+            )
         return steps
 
     def shown_mm(self) -> Matrix | None:
@@ -164,9 +183,15 @@ class Evidence:
         count, shown = len(self), self.shown_mm()
         wanted, steps = cause.steps_mm(count), self.steps_mm(cause.late_s)
         score = self.in_time(cause) - CAUSE * bool(cause.changes) - FREE * cause.free
-        score += float(np.nansum(_log_likelihood(steps - wanted, STEP_MM + STEP_SHARE * np.abs(wanted))))
+        score += float(
+            np.nansum(_log_likelihood(steps - wanted, STEP_MM + STEP_SHARE * np.abs(wanted)))
+        )
         if shown is not None:
-            score += float(np.sum(_log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, BESIDE_MM))))
+            score += float(
+                np.sum(
+                    _log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, BESIDE_MM))
+                )
+            )
         return score
 
     def as_stated(self, route: Route) -> float:
@@ -185,7 +210,11 @@ class Evidence:
         for number, stand in enumerate(self.stands):
             following: dict[tuple[int, int], float] = {}
 
-            def reach(key: tuple[int, int], score: float, following: dict[tuple[int, int], float] = following) -> None:
+            def reach(
+                key: tuple[int, int],
+                score: float,
+                following: dict[tuple[int, int], float] = following,
+            ) -> None:
                 following[key] = max(following.get(key, -math.inf), score)
 
             for (stop, base), score in paths.items():
@@ -196,15 +225,25 @@ class Evidence:
                     there = stop + onward
                     if not 0 <= there < len(route):
                         continue
-                    turned = stop == -1 and there == 1  # the machine turned at its first stop, which the pass before holds
+                    turned = (
+                        stop == -1 and there == 1
+                    )  # the machine turned at its first stop, which the pass before holds
                     found = score - (1.0 if turned else cost)
                     if shown is not None:
-                        found += float(np.sum(_log_likelihood(shown[number] - route.stops_mm[there], np.full(3, BESIDE_MM))))
+                        found += float(
+                            np.sum(
+                                _log_likelihood(
+                                    shown[number] - route.stops_mm[there], np.full(3, BESIDE_MM)
+                                )
+                            )
+                        )
                     before = self.stands[base].reading_mm if base >= 0 else None
                     if before is not None and stand.reading_mm is not None:
                         wanted = route.step_mm(stop, there)
                         off = np.array([stand.reading_mm - before - wanted])
-                        found += float(_log_likelihood(off, np.array([STEP_MM + STEP_SHARE * abs(wanted)]))[0])
+                        found += float(
+                            _log_likelihood(off, np.array([STEP_MM + STEP_SHARE * abs(wanted)]))[0]
+                        )
                     elif number:
                         found += alike
                     reach((there, number), found)
@@ -213,25 +252,43 @@ class Evidence:
 
     def in_time(self, cause: Cause) -> float:
         """Return the logarithm of the likelihood of the edges of the moves."""
-        return sum(move.fits(cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None)
+        return sum(
+            move.fits(cause.late_s)
+            for each in self.stands
+            if (move := each.move(cause.late_s)) is not None
+        )
 
     def confirms(self, cause: Cause) -> bool:
-        """Return whether the laser has confirmed enough steps, or enough moves in time, and no position contradicts."""
+        """Return whether the laser has confirmed enough steps, or enough moves in time, and no
+        position contradicts."""
         shown = self.shown_mm()
         if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > 4 * BESIDE_MM:
             return False
         if cause.late_s != ON_TIME:
-            seen = [(move, cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None]
-            alike = [abs(move.left_s - left) < 4 * move.u_s and abs(move.came_s - came) < 4 * move.u_s for move, (left, came) in seen]
+            seen = [
+                (move, cause.late_s)
+                for each in self.stands
+                if (move := each.move(cause.late_s)) is not None
+            ]
+            alike = [
+                abs(move.left_s - left) < 4 * move.u_s and abs(move.came_s - came) < 4 * move.u_s
+                for move, (left, came) in seen
+            ]
             return sum(alike) >= CONFIRMED and self.agreeing(cause) >= CONFIRMED
         return self.agreeing(cause) >= CONFIRMED
 
     def goes_on(self, route: Route) -> bool:
-        """Return whether every standstill is the next stop of the route, from its first or its second on, by position and by the laser."""
+        """Return whether every standstill is the next stop of the route, from its first or its
+        second on, by position and by the laser."""
         steps, shown, count = self.steps_mm(), self.shown_mm(), len(self.stands)
         for begin in (0, 1):
-            places, wanted = route.stops_mm[begin : begin + count], np.diff(route.nominal_mm[begin : begin + count])
-            there = len(places) == count and (shown is None or bool(np.abs(shown - places).max() <= 4 * BESIDE_MM))
+            places, wanted = (
+                route.stops_mm[begin : begin + count],
+                np.diff(route.nominal_mm[begin : begin + count]),
+            )
+            there = len(places) == count and (
+                shown is None or bool(np.abs(shown - places).max() <= 4 * BESIDE_MM)
+            )
             if there and bool(np.all(_agrees(steps, wanted))):
                 return True
         return False
@@ -246,11 +303,17 @@ def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
     """Return the steps that agree with the expected steps, by the measure of a single step
     (`place.route.agrees`).
     """
-    return np.array([agrees(step, nominal) for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)])
+    return np.array(
+        [
+            agrees(step, nominal)
+            for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)
+        ]
+    )
 
 
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
-    """Return the logarithm of the density of residuals: a normal one, or an outlier anywhere in the range; NaN where unknown."""
+    """Return the logarithm of the density of residuals: a normal one, or an outlier anywhere in the
+    range; NaN where unknown."""
     normal = np.exp(-0.5 * (off / scatter) ** 2) / (scatter * math.sqrt(2 * math.pi))
     density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)
     return density

@@ -19,14 +19,17 @@ from stepdiag.base.setups import Setup, setup_of
 from stepdiag.daq.capture.standing.dwell import STILL_MM
 
 STEP_TOLERANCE = 0.02
-"""A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned mirror, a tenth of a wrong step."""
+"""A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned
+mirror, a tenth of a wrong step."""
 LEAST_BESIDE_MM, BESIDE_MM = 0.1, 0.25
-"""A program of two decimals with G91 adds up 5 um an increment: 0.2 mm over forty. A tenth of a step leaves no doubt which stop it is."""
+"""A program of two decimals with G91 adds up 5 um an increment: 0.2 mm over forty. A tenth of a
+step leaves no doubt which stop it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
-    """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at each, relative to the first, shape (k,)."""
+    """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at
+    each, relative to the first, shape (k,)."""
 
     setup: str
     outward: bool
@@ -53,7 +56,8 @@ class Route:
         return x_mm, y_mm, z_mm
 
     def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
-        """Return the nominal reading at any position, relative to that of the first planned stop."""
+        """Return the nominal reading at any position, relative to that of the first planned
+        stop."""
         travel = self.stops_mm[-1] - self.stops_mm[0]
         along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm.sum())
         return float((np.asarray(position_mm) - self.stops_mm[0]) @ along)
@@ -67,21 +71,23 @@ class Route:
         return self.step_mm(len(self) - 1 - from_stop, len(self) - 1 - to_stop)
 
     def find(self, position_mm: tuple[float, float, float], expected: int) -> int | None:
-        """Return the stop at a commanded or actual position, the one nearest to the expected stop; None where no stop is there."""
+        """Return the stop at a commanded or actual position, the one nearest to the expected stop;
+        None where no stop is there."""
         off = np.max(np.abs(self.stops_mm - np.asarray(position_mm)), axis=1)
         places = np.flatnonzero(off <= self._beside_mm())
         return int(places[np.argmin(np.abs(places - expected))]) if len(places) else None
 
     def _beside_mm(self) -> float:
-        """Return how far beside the plan a stop may be: by `BESIDE_MM`, less where steps are short."""
+        """Return how far beside the plan a stop may be: by `BESIDE_MM`, less where steps are
+        short."""
         steps_mm = np.max(np.abs(np.diff(self.stops_mm, axis=0)), axis=1)
         return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), LEAST_BESIDE_MM, BESIDE_MM))
 
 
 @lru_cache(maxsize=256)
 def route_of(plan: Plan, setup: str, number: int) -> Route:
-    """Return the route of a pass of a setup of a plan, not to be written to. The return pass visits the stops of the outward one in
-    reverse.
+    """Return the route of a pass of a setup of a plan, not to be written to. The return pass visits
+    the stops of the outward one in reverse.
 
     Kept, because page and status ask for the routes of all setups ten times a second.
     """
@@ -95,11 +101,14 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
 
 
 def agrees(measured_mm: float, nominal_mm: float) -> bool:
-    """Return whether a measured step is the nominal one, mirror tilt and machine errors allowed for."""
+    """Return whether a measured step is the nominal one, mirror tilt and machine errors allowed
+    for."""
     return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
 
 
-def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float) -> Message | None:
+def judge_step(
+    route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float
+) -> Message | None:
     """Return what is wrong with a measured step; None where it agrees.
 
     ``absolute_mm`` is the reading itself: a laser that was zeroed reads next to nothing.
@@ -112,7 +121,12 @@ def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, a
     if agrees(measured_mm, 0.0):
         return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
     if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
-        return message("stop-missing.sequence", moved_mm=measured_mm, wanted_mm=nominal, after_mm=route.step_mm(from_stop, to_stop + 1))
+        return message(
+            "stop-missing.sequence",
+            moved_mm=measured_mm,
+            wanted_mm=nominal,
+            after_mm=route.step_mm(from_stop, to_stop + 1),
+        )
     if other := _other_axis(route, to_stop, measured_mm):
         axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
         return message("wrong-axis-order", moved_mm=measured_mm, wanted_mm=nominal, **axes)
@@ -130,10 +144,17 @@ def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -
     )
     if turned:
         if from_the_end:
-            return message("wrong-laser-sign.or-end", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route))
+            return message(
+                "wrong-laser-sign.or-end",
+                moved_mm=measured_mm,
+                wanted_mm=nominal,
+                start=_place(route),
+            )
         return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
     if from_the_end:
-        return message("wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route))
+        return message(
+            "wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route)
+        )
     return None
 
 
@@ -196,7 +217,8 @@ class LaserPlaces:
         self.known = {}
 
     def after_nowhere(self, reading_mm: float, expected: int) -> int | None:
-        """Return the stop at which the machine stands after standing where no stop is; None where that may have been a feed hold.
+        """Return the stop at which the machine stands after standing where no stop is; None where
+        that may have been a feed hold.
 
         A count that went wrong goes on with the right steps from the wrong place.
         """
@@ -204,7 +226,9 @@ class LaserPlaces:
         stop = expected + len(before)
         if not before or stop >= len(self._route):
             return None
-        return stop if agrees(reading_mm - before[-1], self._route.step_mm(stop - 1, stop)) else None
+        return (
+            stop if agrees(reading_mm - before[-1], self._route.step_mm(stop - 1, stop)) else None
+        )
 
 
 def _gaps_mm(route: Route) -> NDArray[np.float64]:

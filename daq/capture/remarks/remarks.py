@@ -22,7 +22,8 @@ from stepdiag.daq.timing.samples import Notice
 from stepdiag.daq.timing.stream import StreamBuffer
 
 STILL_NS = 1_500_000_000
-"""The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed for by half as much again."""
+"""The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed
+for by half as much again."""
 
 
 class Pulse:
@@ -40,7 +41,11 @@ class Pulse:
     def take(self, signals: Signals, block: ModbusBlock) -> bool:
         """Take a poll; return whether the heartbeat has just been found to stand still."""
         if signals.heartbeat is None or signals.heartbeat != self._value:
-            self._value, self.beat_ns, self._heard_ns = signals.heartbeat, block.send_ns, block.recv_ns
+            self._value, self.beat_ns, self._heard_ns = (
+                signals.heartbeat,
+                block.send_ns,
+                block.recv_ns,
+            )
             self.still = False
             return False
         before, self.still = self.still, block.recv_ns - self._heard_ns > STILL_NS
@@ -61,7 +66,9 @@ class Alarm:
         self._on = False
         self._doubts: list[tuple[int, Message]] = []
 
-    def look(self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool) -> Iterator[Finding]:
+    def look(
+        self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool
+    ) -> Iterator[Finding]:
         """Look at a poll; yield an alarm that has just come. ``waiting``: a standstill is over and
         not yet taken as a stop.
         """
@@ -80,14 +87,21 @@ class Alarm:
         return doubts
 
 
-def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm) -> Iterator[Outcome]:
-    """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
+def remarked(
+    walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm
+) -> Iterator[Outcome]:
+    """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its
+    stops."""
     stops = [each for each in taken if isinstance(each, CapturedStop)]
     doubted = judged.doubted if judged.doubted and not walk.route.travel.is_fourdof else []
     for words in (*judged.remarks, *doubted):
         yield walk.finding("warning", stops[0].stop if stops else walk.expected, words)
     for each in taken:
-        yield _marked(each, judged.held, [*doubted, *alarm.doubts(each)]) if isinstance(each, CapturedStop) else each
+        yield (
+            _marked(each, judged.held, [*doubted, *alarm.doubts(each)])
+            if isinstance(each, CapturedStop)
+            else each
+        )
 
 
 def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message]) -> CapturedStop:
@@ -100,7 +114,11 @@ def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message
 def credible_of(stop: CapturedStop) -> dict[str, Credible]:
     """Return the conditions of a stop that were believed."""
     values = {name: getattr(stop, name) for name in COURSES if name not in stop.held}
-    return {name: Credible(value=value, time_s=stop.time_s) for name, value in values.items() if value is not None}
+    return {
+        name: Credible(value=value, time_s=stop.time_s)
+        for name, value in values.items()
+        if value is not None
+    }
 
 
 _FIGURES = re.compile(r"\d+")
@@ -112,10 +130,20 @@ STREAMS: dict[Link, Message] = {
     "air": message("stream-air"),
     "machine": message("stream-machine"),
 }
-KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
+KINDS: dict[str, Severity] = {
+    "garbage": "warning",
+    "gap": "warning",
+    "restart": "warning",
+    "device": "info",
+}
 
 
-CODES = {"garbage": "bytes-garbled", "gap": "samples-missing", "restart": "instrument-restart", "device": "instrument-reports"}
+CODES = {
+    "garbage": "bytes-garbled",
+    "gap": "samples-missing",
+    "restart": "instrument-restart",
+    "device": "instrument-reports",
+}
 """The code of each kind of notice, whatever the instrument."""
 
 
@@ -146,7 +174,10 @@ class StreamRemarks:
         itself.
         """
         for cause in causes:
-            kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
+            kind = (
+                f"{link} lost: "
+                f"{cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
+            )
             if kind not in self._reported:
                 self._reported.add(kind)
                 lost = message("samples-missing.bytes", stream=STREAMS[link], cause=cause)

@@ -1,4 +1,5 @@
-"""Signals that the machine does not have, and what is therefore not checked: reported before, during and after a survey."""
+"""Signals that the machine does not have, and what is therefore not checked: reported before,
+during and after a survey."""
 
 from collections.abc import Collection, Iterator
 
@@ -37,12 +38,16 @@ def places_known(survey: Survey) -> bool:
 
 
 def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
-    """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped.
+    """Return what cannot be checked because the survey file maps no signal for it; nothing where
+    every signal is mapped.
 
     ``without`` are conditions reported elsewhere.
     """
     if survey.plc.silent:
-        return (finding("warning", message("no-signals", whys=list(_without_signals(survey)))), *assumed(survey, without))
+        return (
+            finding("warning", message("no-signals", whys=list(_without_signals(survey)))),
+            *assumed(survey, without),
+        )
     texts = list(_without_position(survey)) if not places_known(survey) else []
     missing = [words for name, words in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
     findings = [finding("warning", message("signals-absent.position", whys=texts))] if texts else []
@@ -63,7 +68,10 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
     measured = (*survey.plc.signal_names, *promised(survey))
     needed = needed_conditions(survey)
     unmeasured = [name for name in needed if name not in measured and name not in without]
-    values = [message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name)) for name in unmeasured]
+    values = [
+        message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name))
+        for name in unmeasured
+    ]
     if not values:
         return ()
     text = message("air-unknown.plan", values=values)
@@ -101,5 +109,12 @@ def _alike(survey: Survey) -> list[str]:
     if not _diagonals(survey):
         return []
     route = route_of(survey.planned, _diagonals(survey)[0], 1)
-    steps = {route.axis_to(stop).upper(): float(np.diff(route.nominal_mm)[stop - 1]) for stop in (1, 2, 3)}
-    return [axis for axis, step in steps.items() if any(agrees(step, other) for name, other in steps.items() if name != axis)]
+    steps = {
+        route.axis_to(stop).upper(): float(np.diff(route.nominal_mm)[stop - 1])
+        for stop in (1, 2, 3)
+    }
+    return [
+        axis
+        for axis, step in steps.items()
+        if any(agrees(step, other) for name, other in steps.items() if name != axis)
+    ]

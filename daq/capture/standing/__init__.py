@@ -1,5 +1,5 @@
 """When the machine stood, and what the laser read meanwhile.
 
-In: polls of the machine and samples of the laser. Out: dwells, standstills, the mean of a window and its uncertainty. Imported by the
-rest of `capture`.
+In: polls of the machine and samples of the laser. Out: dwells, standstills, the mean of a window
+and its uncertainty. Imported by the rest of `capture`.
 """

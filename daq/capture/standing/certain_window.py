@@ -1,4 +1,5 @@
-"""The certain part of a dwell: cut where the count was lost, without what is not yet steady; and from which side the machine came to it.
+"""The certain part of a dwell: cut where the count was lost, without what is not yet steady; and
+from which side the machine came to it.
 
 A machine that reverses at a stop arrives there once. Its reading there holds for both passes, with
 the backlash of the way there; and on the way back every axis keeps the side of the way there until
@@ -13,7 +14,13 @@ import numpy as np
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import RESOLUTION_FLOOR_UM, Placing, Window, against_itself, summarise
+from stepdiag.daq.capture.standing.window import (
+    RESOLUTION_FLOOR_UM,
+    Placing,
+    Window,
+    against_itself,
+    summarise,
+)
 from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
@@ -64,7 +71,9 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
     this chunk with times before the dwell's end: they belong to no part.
     """
     latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
-    cuts = sorted({event.time_ns for event in stream.breaks if dwell.from_ns < event.time_ns <= latest_ns})
+    cuts = sorted(
+        {event.time_ns for event in stream.breaks if dwell.from_ns < event.time_ns <= latest_ns}
+    )
     parts: list[Part] = []
     begin = dwell.from_ns
     for cut in cuts:
@@ -85,7 +94,9 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
     Before a loss only a window without any doubt counts, unless there is no other.
     """
     *before, last = unbroken_parts(stream, dwell)
-    earlier = [taken for part in before if (taken := certain_window(stream, part, rules)) is not None]
+    earlier = [
+        taken for part in before if (taken := certain_window(stream, part, rules)) is not None
+    ]
     sure = [taken for taken in earlier if not taken.doubts]
     taken = certain_window(stream, last, rules)
     return [*sure, taken] if taken is not None else sure or earlier[-1:]
@@ -94,8 +105,9 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
     """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
 
-    The first ``settle_s`` are left out. If the rest is not yet steady, later parts of it are tried while they are long enough. A step in
-    the rest, or a value that is frozen, makes the stop doubtful whichever part is taken.
+    The first ``settle_s`` are left out. If the rest is not yet steady, later parts of it are tried
+    while they are long enough. A step in the rest, or a value that is frozen, makes the stop
+    doubtful whichever part is taken.
     """
     start = part.from_ns + rules.settle_s * 1e9
     span = part.span(stream, start)
@@ -103,7 +115,13 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     if whole is None:
         return None
     taken = _steadiest(stream, part, whole, rules)
-    return replace(taken, doubts=(*taken.doubts, *against_itself(span.position_mm, whole.window, stream.resolution_um)))
+    return replace(
+        taken,
+        doubts=(
+            *taken.doubts,
+            *against_itself(span.position_mm, whole.window, stream.resolution_um),
+        ),
+    )
 
 
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
@@ -113,14 +131,21 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
         begin = whole.from_ns + left_out * length
         if left_out and part.to_ns - begin < rules.min_window_s * 1e9:
             break
-        taken = take(part.span(stream, begin), begin, part.to_ns, rules, stream.resolution_um) if left_out else whole
+        taken = (
+            take(part.span(stream, begin), begin, part.to_ns, rules, stream.resolution_um)
+            if left_out
+            else whole
+        )
         if taken is None or not _unsteady(taken.window, rules):
             return taken or whole
     return whole
 
 
-def take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float) -> Taken | None:
-    """Return the statistics of a span of readings, its bounds, and why it is not steady; None where it holds too few samples."""
+def take(
+    span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float
+) -> Taken | None:
+    """Return the statistics of a span of readings, its bounds, and why it is not steady; None where
+    it holds too few samples."""
     if len(span.time_ns) < MIN_SAMPLES:
         return None
     least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
@@ -128,18 +153,37 @@ def take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
     doubts = _unsteady(window, rules)
     if (to_ns - from_ns) < 0.5 * rules.min_window_s * 1e9:
-        doubts.append(message("stop-doubtful.short", certain_s=(to_ns - from_ns) * 1e-9, least_s=rules.min_window_s))
+        doubts.append(
+            message(
+                "stop-doubtful.short",
+                certain_s=(to_ns - from_ns) * 1e-9,
+                least_s=rules.min_window_s,
+            )
+        )
     if span.unusable > len(span.time_ns):
-        doubts.append(message("stop-doubtful.unusable", unusable=span.unusable, count=span.unusable + len(span.time_ns)))
+        doubts.append(
+            message(
+                "stop-doubtful.unusable",
+                unusable=span.unusable,
+                count=span.unusable + len(span.time_ns),
+            )
+        )
     return Taken(window=window, from_ns=from_ns, to_ns=to_ns, beam=beam, doubts=tuple(doubts))
 
 
 def _unsteady(window: Window, rules: StopRules) -> list[Message]:
-    """Return why a window is not steady: its trend beyond doubt too steep, or its scatter too wide; nothing if it is."""
+    """Return why a window is not steady: its trend beyond doubt too steep, or its scatter too wide;
+    nothing if it is."""
     if abs(window.slope_um_s) > rules.max_slope_um_s + 3.0 * window.u_slope_um_s:
-        return [message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)]
+        return [
+            message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)
+        ]
     if window.scatter_um > rules.max_scatter_um:
-        return [message("stop-doubtful.scatter", scatter_um=window.scatter_um, limit_um=rules.max_scatter_um)]
+        return [
+            message(
+                "stop-doubtful.scatter", scatter_um=window.scatter_um, limit_um=rules.max_scatter_um
+            )
+        ]
     return []
 
 
@@ -162,25 +206,34 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     span = stream.span(begin_ns - LOOK_BACK_NS, begin_ns)
     off_mm = (span.position_mm - taken.window.mean_mm) * np.sign(step_mm)
     sides = np.sign(np.where(np.abs(off_mm) > away_mm, off_mm, 0.0))
-    in_a_row = np.convolve(sides, np.ones(IN_A_ROW), mode="valid") if len(sides) >= IN_A_ROW else sides[:0]
+    in_a_row = (
+        np.convolve(sides, np.ones(IN_A_ROW), mode="valid") if len(sides) >= IN_A_ROW else sides[:0]
+    )
     away = np.flatnonzero(np.abs(in_a_row) == IN_A_ROW)
-    if not len(away) or any(span.time_ns[away[-1]] <= each.time_ns <= taken.to_ns for each in stream.breaks):
+    if not len(away) or any(
+        span.time_ns[away[-1]] <= each.time_ns <= taken.to_ns for each in stream.breaks
+    ):
         return None
     return bool(in_a_row[away[-1]] < 0.0)
 
 
 CLOSE_NS = 30_000_000
-"""Samples further apart may miss an overrun: 2 mm and back take a quick machine a tenth of a second."""
+"""Samples further apart may miss an overrun: 2 mm and back take a quick machine a tenth of a
+second."""
 
 
 def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
-    """Return whether nothing of a move can have escaped the laser since the last stop of a pass was taken, as far as it is in this log."""
+    """Return whether nothing of a move can have escaped the laser since the last stop of a pass was
+    taken, as far as it is in this log."""
     times_ns = laser.span(last.window_to_ns, until_ns).time_ns
     return bool(np.all(np.diff(times_ns) <= CLOSE_NS))
 
 
-def last_beyond_ns(laser: StreamBuffer, last: CapturedStop, towards: float, until_ns: float) -> float | None:
-    """Return when the machine was last seen beyond the last stop of a pass since it was taken; None where it was not.
+def last_beyond_ns(
+    laser: StreamBuffer, last: CapturedStop, towards: float, until_ns: float
+) -> float | None:
+    """Return when the machine was last seen beyond the last stop of a pass since it was taken; None
+    where it was not.
 
     ``towards`` has the sign of the reading's change on the way to that stop.
     """
@@ -190,5 +243,7 @@ def last_beyond_ns(laser: StreamBuffer, last: CapturedStop, towards: float, unti
     off_mm = (span.position_mm - last.reading_mm) * np.sign(towards)
     if len(off_mm) < IN_A_ROW:
         return None
-    beyond = np.flatnonzero(np.convolve(off_mm > STILL_MM, np.ones(IN_A_ROW), mode="valid") == IN_A_ROW)
+    beyond = np.flatnonzero(
+        np.convolve(off_mm > STILL_MM, np.ones(IN_A_ROW), mode="valid") == IN_A_ROW
+    )
     return float(span.time_ns[beyond[-1] + IN_A_ROW - 1]) if len(beyond) else None

@@ -6,7 +6,8 @@ poll and the request of the last.
 
     state      observation   next       what happens
     MOVING     moving        MOVING
-    MOVING     same          DWELLING   open       (first dwell, or the stop signal fell and rose without a new count)
+    MOVING     same          DWELLING   open       (first dwell, or the stop signal fell and rose
+    without a new count)
     MOVING     new           DWELLING   open
     MOVING     silent        MOVING
     DWELLING   moving        MOVING     close
@@ -42,7 +43,8 @@ overrun that takes up the backlash, are longer.
 IN_A_ROW = 3
 """Single wrong lines of a laser are no move."""
 SAME_STOP_MM = 0.05
-"""Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
+"""Two commanded positions closer than this are the same stop: the register counts tenths of
+micrometres."""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
 """Positions of a standstill that are distinguished: as many give its median, and a machine may
@@ -116,7 +118,12 @@ class DwellTracker:
                 closed, self._last, self.open = self.open, self.open, None
             elif action == "open":
                 self._held_ns = Counter()
-                self.open = Dwell(from_ns=recv_ns, to_ns=recv_ns, not_before_ns=self._last_moving_ns, signals=signals)
+                self.open = Dwell(
+                    from_ns=recv_ns,
+                    to_ns=recv_ns,
+                    not_before_ns=self._last_moving_ns,
+                    signals=signals,
+                )
             elif self.open is not None:
                 self.open = self._with(self.open, signals, max(send_ns, self.open.from_ns))
         if observation == "moving":
@@ -124,10 +131,11 @@ class DwellTracker:
         return closed
 
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
-        """Return the open dwell with the signals whose position was read longest: the register may still be running in.
+        """Return the open dwell with the signals whose position was read longest: the register may
+        still be running in.
 
-        Not most often: a poller that is held up asks seldom, and may have asked often while the register ran in. The median in time where
-        the register flickers, as actual positions do.
+        Not most often: a poller that is held up asks seldom, and may have asked often while the
+        register ran in. The median in time where the register flickers, as actual positions do.
         """
         if len(self._held_ns) < MOST_PLACES or signals.commanded_mm in self._held_ns:
             self._held_ns[signals.commanded_mm] += to_ns - dwell.to_ns
@@ -136,10 +144,15 @@ class DwellTracker:
             return replace(dwell, to_ns=to_ns)
         if place is None or place == signals.commanded_mm:
             return replace(dwell, to_ns=to_ns, signals=signals)
-        return replace(dwell, to_ns=to_ns, signals=replace(dwell.signals, x_mm=place[0], y_mm=place[1], z_mm=place[2]))
+        return replace(
+            dwell,
+            to_ns=to_ns,
+            signals=replace(dwell.signals, x_mm=place[0], y_mm=place[1], z_mm=place[2]),
+        )
 
     def _place(self, before: Place) -> Place:
-        """Return the place read longest, before another one read as long; the median where none was read for half of the time."""
+        """Return the place read longest, before another one read as long; the median where none was
+        read for half of the time."""
         longest = max(self._held_ns, key=lambda place: (self._held_ns[place], place == before))
         flickers = None not in self._held_ns and 2 * self._held_ns[longest] < self._held_ns.total()
         return _median_place(self._held_ns) if flickers else longest
@@ -156,7 +169,9 @@ class DwellTracker:
         """
         self.silent()
         if self.open is not None:
-            self.open = replace(self.open, to_ns=max(self.open.from_ns, min(self.open.to_ns, since_ns)))
+            self.open = replace(
+                self.open, to_ns=max(self.open.from_ns, min(self.open.to_ns, since_ns))
+            )
 
     def _observe(self, signals: Signals) -> Observation:
         if not signals.stopped:
@@ -166,7 +181,8 @@ class DwellTracker:
 
 
 def _median_place(held_ns: Mapping[Place, int]) -> Place:
-    """Return by axis the position of which as much time was read below as above; each of them was read."""
+    """Return by axis the position of which as much time was read below as above; each of them was
+    read."""
     places = np.array([place for place in held_ns if place is not None])
     weight = np.array([ns for place, ns in held_ns.items() if place is not None], dtype=np.float64)
     order = np.argsort(places, axis=0)
@@ -184,16 +200,21 @@ def same_stop(one: Signals, other: Signals) -> bool:
         return False
     if one.commanded_mm is None or other.commanded_mm is None:
         return True
-    return all(abs(a - b) <= SAME_STOP_MM for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True))
+    return all(
+        abs(a - b) <= SAME_STOP_MM
+        for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True)
+    )
 
 
 def count_steps(before: int, after: int) -> int:
-    """Return by how many stops a counter went on, over its wrap: 1 is the next stop, 0 the same, more than half the range is backwards."""
+    """Return by how many stops a counter went on, over its wrap: 1 is the next stop, 0 the same,
+    more than half the range is backwards."""
     return (after - before) % COUNT_MODULUS
 
 
 STRAYS = 0.1
-"""So large a share of the samples between two dwells may be wrong, and the machine stood all the same."""
+"""So large a share of the samples between two dwells may be wrong, and the machine stood all the
+same."""
 MOST = 0.5
 """Share of the first dwell's samples that decides without a seen move between two dwells; its very
 first samples may still be of the move.
@@ -201,8 +222,8 @@ first samples may still be of the move.
 LEAST_SAMPLES = 3
 RECENT = 9
 RECENT_MS = 50
-"""The end of one dwell and the beginning of the next are compared, and all between them. The newest samples of the next may be of the move
-that follows: a stop signal is as old as the PLC's scan."""
+"""The end of one dwell and the beginning of the next are compared, and all between them. The newest
+samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan."""
 LEAST_MS = 20
 """Time in ms for which a dwell seen by a single poll is looked at, unless enough samples come
 first.
@@ -244,7 +265,8 @@ class Standstills:
         return self._waiting[0].dwell
 
     def settled(self, now_ns: int, going_on: Dwell | None, placing: Placing | None) -> bool:
-        """Return whether the first standstill is over: another one has begun, or the machine has moved for a while.
+        """Return whether the first standstill is over: another one has begun, or the machine has
+        moved for a while.
 
         ``placing`` is None without a stream that shows the machine's motion: a 4-DOF head does not
         see its travel.
@@ -276,8 +298,14 @@ class Standstills:
         if self._taken is None:
             return False
         one = _one(self._taken, going_on, placing) if placing is not None else None
-        placed = going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
-        return one if one is not None else placed and same_stop(self._taken.dwell.signals, going_on.signals)
+        placed = (
+            going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
+        )
+        return (
+            one
+            if one is not None
+            else placed and same_stop(self._taken.dwell.signals, going_on.signals)
+        )
 
     def are(self, going_on: Dwell, placing: Placing | None) -> bool:
         """Return whether all waiting dwells are earlier parts of the dwell that goes on."""
@@ -303,12 +331,16 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     flicker = soon and same_stop(before.dwell.signals, after.signals)
     if placing is None:
         return flicker and after.signals.stop_count is not None
-    if not unbroken and (not flicker or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)):
+    if not unbroken and (
+        not flicker or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)
+    ):
         return False
     then = _beginning_mm(after, placing)
     if len(then) < LEAST_SAMPLES:
         return None
-    earlier = placing.span(max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns).position_mm
+    earlier = placing.span(
+        max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns
+    ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
     return not strays.any() or bool(strays.mean() < (MOST if unbroken and soon else STRAYS))
 
@@ -318,8 +350,13 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
     poll, or of the few that follow.
     """
     span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_MS * MS))
-    shown, begun = np.searchsorted(span.time_ns, [max(dwell.to_ns, dwell.from_ns + LEAST_MS * MS), dwell.from_ns + RECENT_MS * MS])
-    beginning: NDArray[np.float64] = span.position_mm[: max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))]
+    shown, begun = np.searchsorted(
+        span.time_ns,
+        [max(dwell.to_ns, dwell.from_ns + LEAST_MS * MS), dwell.from_ns + RECENT_MS * MS],
+    )
+    beginning: NDArray[np.float64] = span.position_mm[
+        : max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))
+    ]
     return beginning[-RECENT:]
 
 
@@ -332,7 +369,12 @@ def _joined(before: _Waiting, after: Dwell) -> _Waiting:
         longer = after if lasts_ns >= before.dwell.to_ns - before.dwell.from_ns else before.dwell
         return replace(_alone(longer), end_ns=after.to_ns)
     longest = _alone(after) if lasts_ns >= before.held_ns else before
-    whole = replace(before.dwell, to_ns=after.to_ns, signals=longest.dwell.signals, blind=before.dwell.blind or after.blind)
+    whole = replace(
+        before.dwell,
+        to_ns=after.to_ns,
+        signals=longest.dwell.signals,
+        blind=before.dwell.blind or after.blind,
+    )
     return _Waiting(whole, after.to_ns, longest.held_ns)
 
 

@@ -24,11 +24,13 @@ two nanometres are the least step of the finest known instrument.
 MAD_TO_SIGMA = 1.4826
 BIN_NS = 20_000_000
 QUIET_UM = 3.0
-"""Neighbouring 20 ms means of a standing machine differ by less; at the slowest feed in use (10 mm/min) a moving one goes 3.3 um."""
+"""Neighbouring 20 ms means of a standing machine differ by less; at the slowest feed in use (10
+mm/min) a moving one goes 3.3 um."""
 
 
 class Placing(Protocol):
-    """The stream that places a stop: the laser's, or `daq.capture.head_stop.QdView` in a run of the 4-DOF head."""
+    """The stream that places a stop: the laser's, or `daq.capture.head_stop.QdView` in a run of the
+    4-DOF head."""
 
     @property
     def breaks(self) -> list[Break]: ...
@@ -58,8 +60,13 @@ class Window:
     duration_s: float
 
 
-def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64], resolution_um: float = RESOLUTION_FLOOR_UM) -> Window:
-    """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n at least 1.
+def summarise(
+    time_s: NDArray[np.float64],
+    position_mm: NDArray[np.float64],
+    resolution_um: float = RESOLUTION_FLOOR_UM,
+) -> Window:
+    """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n
+    at least 1.
 
     ``resolution_um`` is the least step known of the instrument: the uncertainty of equal samples.
     Samples further than five robust standard deviations from the median are left out: single wrong
@@ -73,10 +80,14 @@ def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64], res
     scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     slope, u_slope = _trend(times, values)
     inflation = _variance_inflation(values - mean)
-    resolution = _resolution_um(values) if np.ptp(values) > 0.0 else max(resolution_um, RESOLUTION_FLOOR_UM)
+    resolution = (
+        _resolution_um(values) if np.ptp(values) > 0.0 else max(resolution_um, RESOLUTION_FLOOR_UM)
+    )
     return Window(
         mean_mm=centre + mean * 1e-3,
-        u_um=float(np.hypot(scatter * np.sqrt(inflation / len(values)), resolution / np.sqrt(12.0))),
+        u_um=float(
+            np.hypot(scatter * np.sqrt(inflation / len(values)), resolution / np.sqrt(12.0))
+        ),
         scatter_um=scatter,
         slope_um_s=slope,
         u_slope_um_s=u_slope,
@@ -95,7 +106,8 @@ def inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _resolution_um(values: NDArray[np.float64]) -> float:
-    """Return the smallest step between different values: the resolution of the instrument, as far as the window shows it."""
+    """Return the smallest step between different values: the resolution of the instrument, as far
+    as the window shows it."""
     steps = np.diff(np.unique(values))
     steps = steps[steps > RESOLUTION_FLOOR_UM]
     if len(steps) == 0 or len(steps) > BLOCKS:
@@ -104,7 +116,8 @@ def _resolution_um(values: NDArray[np.float64]) -> float:
 
 
 def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the least-squares slope and its standard uncertainty, correlation of the samples allowed for, per second."""
+    """Return the least-squares slope and its standard uncertainty, correlation of the samples
+    allowed for, per second."""
     if len(values) < 3:
         return 0.0, 0.0
     centred = time_s - np.mean(time_s)
@@ -118,10 +131,12 @@ def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[fl
 
 
 def _variance_inflation(residual: NDArray[np.float64]) -> float:
-    """Return by how much correlation raises the variance of the mean over that of independent samples, at least 1.
+    """Return by how much correlation raises the variance of the mean over that of independent
+    samples, at least 1.
 
-    Samples in blocks, then the initial positive sequence of the blocks' autocorrelation (Geyer 1992): vibration and slow air both make
-    neighbours alike, and a mean over alike samples is worth fewer.
+    Samples in blocks, then the initial positive sequence of the blocks' autocorrelation (Geyer
+    1992): vibration and slow air both make neighbours alike, and a mean over alike samples is worth
+    fewer.
     """
     size = max(1, len(residual) // BLOCKS)
     count = len(residual) // size
@@ -148,8 +163,11 @@ class Plateau:
     level_mm: float
 
 
-def find_plateaus(time_ns: NDArray[np.float64], position_mm: NDArray[np.float64], at_least_s: float) -> list[Plateau]:
-    """Return the plateaus of at least a duration, in order of time. Both columns have shape (n,), times ascending."""
+def find_plateaus(
+    time_ns: NDArray[np.float64], position_mm: NDArray[np.float64], at_least_s: float
+) -> list[Plateau]:
+    """Return the plateaus of at least a duration, in order of time. Both columns have shape (n,),
+    times ascending."""
     if not len(time_ns):
         return []
     bins = ((time_ns - time_ns[0]) // BIN_NS).astype(np.int64)
@@ -174,10 +192,12 @@ SHARP = 0.7
 LEAST_STEP_UM = 0.5
 STEP_SIGMAS = 5.0
 UNLIKE_A_DRIFT = 0.35
-"""Two levels explain the window if they leave at most so much of the squares that a straight line leaves."""
+"""Two levels explain the window if they leave at most so much of the squares that a straight line
+leaves."""
 WRONG_LINES = 3
 WRONG_SHARE = 0.01
-"""Single wrong lines are thrown away without a word; more than so many, and so large a share of the window, are no accident."""
+"""Single wrong lines are thrown away without a word; more than so many, and so large a share of the
+window, are no accident."""
 RESTLESS_UM = 0.02
 """An instrument of this resolution sees air and floor move: in a machine hall it never sends a
 single value for half a window.
@@ -194,11 +214,13 @@ its end.
 """
 
 
-def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_um: float) -> list[Message]:
+def against_itself(
+    position_mm: NDArray[np.float64], window: Window, resolution_um: float
+) -> list[Message]:
     """Return whatever makes a window doubtful by itself; nothing for a quiet one.
 
-    ``position_mm`` (n,) are its samples in order of time, those left out of the mean included; ``resolution_um`` is the least step that the
-    instrument has shown.
+    ``position_mm`` (n,) are its samples in order of time, those left out of the mean included;
+    ``resolution_um`` is the least step that the instrument has shown.
     """
     count, same = len(position_mm), _longest_run(position_mm)
     if resolution_um <= RESTLESS_UM and same >= max(FROZEN_SAMPLES, FROZEN_SHARE * count):
@@ -242,7 +264,8 @@ def step_in_um(position_mm: NDArray[np.float64]) -> float:
 
 
 def _best_split(blocks: NDArray[np.float64]) -> int:
-    """Return where a window is best cut in two levels, by least squares; not in its first or last eighth."""
+    """Return where a window is best cut in two levels, by least squares; not in its first or last
+    eighth."""
     count = len(blocks)
     first = np.arange(1, count)
     total = np.cumsum(blocks)

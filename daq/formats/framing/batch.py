@@ -34,17 +34,37 @@ class Batch:
         """Append samples, one row each; a missing beam is unknown (NaN). Either all parts have
         channels or none.
         """
-        self._parts.append((counter, position_mm, _unknown(len(counter)) if beam is None else beam, flags))
+        self._parts.append(
+            (counter, position_mm, _unknown(len(counter)) if beam is None else beam, flags)
+        )
         if channels is not None:
             self._channels.append(channels)
         self.count += len(counter)
 
-    def note(self, code: NoticeCode, why: Words = "", *, value: float | None = None, name: str = "", index: int | None = None) -> None:
-        """Add a remark before the next sample, or before the one at ``index``; the rest as in `Notice`."""
-        self.notices.append(Notice(code=code, index=self.count if index is None else index, why=why, value=value, name=name))
+    def note(
+        self,
+        code: NoticeCode,
+        why: Words = "",
+        *,
+        value: float | None = None,
+        name: str = "",
+        index: int | None = None,
+    ) -> None:
+        """Add a remark before the next sample, or before the one at ``index``; the rest as in
+        `Notice`."""
+        self.notices.append(
+            Notice(
+                code=code,
+                index=self.count if index is None else index,
+                why=why,
+                value=value,
+                name=name,
+            )
+        )
 
     def remark(self, breaks: Iterable[Break], keep: NDArray[np.bool_]) -> None:
-        """Append what was wrong with the counter of the rows that are added next; ``keep`` (rows,) is False for rows left out."""
+        """Append what was wrong with the counter of the rows that are added next; ``keep`` (rows,)
+        is False for rows left out."""
         for found in breaks:
             index = self.count + int(keep[: found.row].sum())
             self.note(found.code, found.why, value=found.missing, index=index)
@@ -77,7 +97,12 @@ class Batch:
         if len(self._parts) == 1:
             return self._parts[0]
         counters, positions, beams, flags = zip(_NO_ROWS, *self._parts, strict=True)
-        return np.concatenate(counters), np.concatenate(positions), np.concatenate(beams), np.concatenate(flags)
+        return (
+            np.concatenate(counters),
+            np.concatenate(positions),
+            np.concatenate(beams),
+            np.concatenate(flags),
+        )
 
 
 def mark(flags: NDArray[np.uint16], where: NDArray[np.bool_], flag: Flag) -> None:
@@ -86,7 +111,8 @@ def mark(flags: NDArray[np.uint16], where: NDArray[np.bool_], flag: Flag) -> Non
 
 
 def judge_beam(beam: NDArray[np.float64], threshold: float, flags: NDArray[np.uint16]) -> None:
-    """Mark beams (0 to 1) below ``threshold`` as lost and below twice that as weak; an unknown beam (NaN) is neither."""
+    """Mark beams (0 to 1) below ``threshold`` as lost and below twice that as weak; an unknown beam
+    (NaN) is neither."""
     lost = beam < threshold
     mark(flags, lost, Flag.BEAM_LOST)
     mark(flags, (beam < 2 * threshold) & ~lost, Flag.WEAK_BEAM)
@@ -98,7 +124,18 @@ def _unknown(rows: int) -> NDArray[np.float64]:
     return column
 
 
-_NO_ROWS: Columns = (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty(0, dtype=np.uint16))
+_NO_ROWS: Columns = (
+    np.empty(0, dtype=np.int64),
+    np.empty(0),
+    np.empty(0),
+    np.empty(0, dtype=np.uint16),
+)
 
-NOTHING = Samples(counter=_NO_ROWS[0], position_mm=_NO_ROWS[1], beam=_NO_ROWS[2], flags=_NO_ROWS[3], arrival_ns=_NO_ROWS[0])
+NOTHING = Samples(
+    counter=_NO_ROWS[0],
+    position_mm=_NO_ROWS[1],
+    beam=_NO_ROWS[2],
+    flags=_NO_ROWS[3],
+    arrival_ns=_NO_ROWS[0],
+)
 """The result of a chunk that completes no sample."""

@@ -16,6 +16,12 @@ def require_sign(sign: int) -> None:
 
 
 def require_interferometer(wavelength_nm: float, optics: int) -> None:
-    """Raise UsageError unless the laser and its optics are possible: 632.99 nm family to near infrared; 1, 2 or 4 fold."""
-    require(300 < wavelength_nm < 2000, "laser.wavelength_nm", message("vacuum-wavelength"), wavelength_nm)
+    """Raise UsageError unless the laser and its optics are possible: 632.99 nm family to near
+    infrared; 1, 2 or 4 fold."""
+    require(
+        300 < wavelength_nm < 2000,
+        "laser.wavelength_nm",
+        message("vacuum-wavelength"),
+        wavelength_nm,
+    )
     require(optics in (1, 2, 4), "laser.optics", "1, 2 or 4", optics)

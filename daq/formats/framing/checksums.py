@@ -1,4 +1,5 @@
-"""Checksums of binary frames, by the names of the catalogue of parametrised CRC algorithms (reveng.sourceforge.io/crc-catalogue)."""
+"""Checksums of binary frames, by the names of the catalogue of parametrised CRC algorithms
+(reveng.sourceforge.io/crc-catalogue)."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -43,9 +44,16 @@ def _table(crc: Crc) -> tuple[int, ...]:
     mask, top = (1 << crc.width) - 1, 1 << crc.width - 1
     if crc.reflected:
         polynomial = int(f"{crc.polynomial:0{crc.width}b}"[::-1], 2)
-        return tuple(reduce(lambda register, _: register >> 1 ^ polynomial * (register & 1), range(8), byte) for byte in _EVERY_BYTE)
+        return tuple(
+            reduce(lambda register, _: register >> 1 ^ polynomial * (register & 1), range(8), byte)
+            for byte in _EVERY_BYTE
+        )
     return tuple(
-        reduce(lambda register, _: (register << 1 ^ crc.polynomial * (register & top != 0)) & mask, range(8), byte << crc.width - 8)
+        reduce(
+            lambda register, _: (register << 1 ^ crc.polynomial * (register & top != 0)) & mask,
+            range(8),
+            byte << crc.width - 8,
+        )
         for byte in _EVERY_BYTE
     )
 

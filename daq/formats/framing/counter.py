@@ -10,21 +10,24 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import Message, message
 
 LONGEST_WRAP_GAP = 1000
-"""Samples believed to be missing across the end of a counter; more is taken for an instrument that was reset."""
+"""Samples believed to be missing across the end of a counter; more is taken for an instrument that
+was reset."""
 LONGEST_GAP = 10_000_000
 """Samples; hours at any known rate. A longer step forward is another count, not a gap."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wrap:
-    """A counter that runs from ``low`` to ``high`` and begins again; at most ``reach`` steps are believed across the end."""
+    """A counter that runs from ``low`` to ``high`` and begins again; at most ``reach`` steps are
+    believed across the end."""
 
     low: int
     high: int
     reach: int
 
     def across(self, previous: int, current: int) -> int | None:
-        """Return the steps from ``previous`` to the smaller ``current`` over the end, None where they cannot be that."""
+        """Return the steps from ``previous`` to the smaller ``current`` over the end, None where
+        they cannot be that."""
         if previous > self.high or current < self.low:
             return None
         steps = current - previous + self.high - self.low + 1
@@ -33,7 +36,8 @@ class Wrap:
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """An irregular step of the counter before row ``row``; ``missing`` counts the samples lost in a gap."""
+    """An irregular step of the counter before row ``row``; ``missing`` counts the samples lost in a
+    gap."""
 
     code: Literal["gap", "duplicate", "restart"]
     row: int
@@ -43,8 +47,8 @@ class Break:
 
 @dataclass(frozen=True, slots=True)
 class Unwrapped:
-    """``counter`` (rows kept,) grows strictly; ``keep`` (rows,) is False for duplicates; ``breaks`` are in row order, a run of
-    duplicates remarked once."""
+    """``counter`` (rows kept,) grows strictly; ``keep`` (rows,) is False for duplicates; ``breaks``
+    are in row order, a run of duplicates remarked once."""
 
     counter: NDArray[np.int64]
     keep: NDArray[np.bool_]
@@ -54,7 +58,8 @@ class Unwrapped:
 class CounterTrack:
     """Unwraps the counter of one stream.
 
-    After a restart the count goes on by one: how long the instrument was away is not known, so a clock must begin anew.
+    After a restart the count goes on by one: how long the instrument was away is not known, so a
+    clock must begin anew.
     """
 
     def __init__(self, wraps: Sequence[Wrap]) -> None:
@@ -68,8 +73,14 @@ class CounterTrack:
         self._raw = None
 
     def goes_on(self, raw: NDArray[np.int64]) -> bool:
-        """Return whether rows ``raw``, shape (rows,), at least one, count on by ones from the last row followed; follows nothing."""
-        return self._raw is not None and not self._repeating and int(raw[0]) == self._raw + 1 and bool((raw[1:] - raw[:-1] == 1).all())
+        """Return whether rows ``raw``, shape (rows,), at least one, count on by ones from the last
+        row followed; follows nothing."""
+        return (
+            self._raw is not None
+            and not self._repeating
+            and int(raw[0]) == self._raw + 1
+            and bool((raw[1:] - raw[:-1] == 1).all())
+        )
 
     def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:
         """Return the unwrapped counter of rows ``raw``, shape (rows,), at least one row.
@@ -89,7 +100,9 @@ class CounterTrack:
             steps[0] = 1
         for row in np.flatnonzero(steps != 1).tolist():
             repeating = self._repeating if row == 0 else steps[row - 1] == 0
-            steps[row], remark = self._judge(row, int(raw[row - 1]) if row else previous, int(raw[row]))
+            steps[row], remark = self._judge(
+                row, int(raw[row - 1]) if row else previous, int(raw[row])
+            )
             if remark and not (repeating and remark.code == "duplicate"):
                 breaks.append(remark)
         self._repeating = bool(steps[-1] == 0)
@@ -111,7 +124,12 @@ class CounterTrack:
             return 1, _restart(row, previous, current)
         missing = step - 1
         if missing:
-            return step, Break("gap", row, message("samples-between", count=missing, a=previous, b=current), missing)
+            return step, Break(
+                "gap",
+                row,
+                message("samples-between", count=missing, a=previous, b=current),
+                missing,
+            )
         return step, None
 
 

@@ -1,4 +1,5 @@
-"""Cutting a stream of bytes into binary frames of fixed size, and finding the way back after garbage."""
+"""Cutting a stream of bytes into binary frames of fixed size, and finding the way back after
+garbage."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ JUNK_CAP = 4096
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """``count`` bytes that belong to no frame, and how they begin; reported once until the next frame."""
+    """``count`` bytes that belong to no frame, and how they begin; reported once until the next
+    frame."""
 
     count: int
     begins: bytes = b""
@@ -27,7 +29,11 @@ class Junk:
     @property
     def why(self) -> Message:
         """Return this in words."""
-        return message("junk-begins", count=self.count, bytes=self.begins.hex(" ")) if self.begins else message("junk", count=self.count)
+        return (
+            message("junk-begins", count=self.count, bytes=self.begins.hex(" "))
+            if self.begins
+            else message("junk", count=self.count)
+        )
 
 
 class FrameBuffer:
@@ -52,7 +58,8 @@ class FrameBuffer:
         self._held = b""
 
     def feed(self, chunk: bytes) -> Iterator[Frames | Junk]:
-        """Yield the frames that ``chunk`` completes, and how much lay between them; to be consumed whole."""
+        """Yield the frames that ``chunk`` completes, and how much lay between them; to be consumed
+        whole."""
         data = self._held + chunk
         at = 0
         while True:
@@ -62,7 +69,9 @@ class FrameBuffer:
             if at > start:
                 yield from self._report(0)
                 self._begins, self._quoted = b"", False
-                yield np.frombuffer(data, dtype=np.uint8, count=at - start, offset=start).reshape(-1, self._size)
+                yield np.frombuffer(data, dtype=np.uint8, count=at - start, offset=start).reshape(
+                    -1, self._size
+                )
             if self._may_begin(data[at:]):
                 break
             after = self._next_sync(data, at + 1)
@@ -86,7 +95,9 @@ class FrameBuffer:
         if found >= 0:
             return found
         tail = max(start, len(data) - len(self._sync))
-        return next((at for at in range(tail, len(data)) if self._sync.startswith(data[at:])), len(data))
+        return next(
+            (at for at in range(tail, len(data)) if self._sync.startswith(data[at:])), len(data)
+        )
 
     def _report(self, cap: int) -> Iterator[Junk]:
         """Yield the junk so far: in portions of ``cap``, or what there is where ``cap`` is 0."""

@@ -1,4 +1,5 @@
-"""The numbers within binary frames of fixed size: where each stands, and reading a column of them at once."""
+"""The numbers within binary frames of fixed size: where each stands, and reading a column of them
+at once."""
 
 import re
 from dataclasses import dataclass
@@ -13,19 +14,24 @@ from stepdiag.daq.formats.framing.frames import Frames
 
 ByteOrder = Literal["little", "big"]
 NAMES = ("position", "counter", "beam", "status", "skip")
-_FIELD = re.compile(r"\s*(?P<name>[a-z]+)\s+(?:(?P<kind>[uif])(?P<bits>8|16|24|32|40|48|56|64)|(?P<count>[0-9]{1,3}))\s*\Z")
+_FIELD = re.compile(
+    r"\s*(?P<name>[a-z]+)\s+(?:(?P<kind>[uif])(?P<bits>8|16|24|32|40|48|56|64)|(?P<count>[0-9]{1,"
+    r"3}))\s*\Z"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A number in a frame: its first byte, its length, and whether it is unsigned (u), signed (i) or real (f)."""
+    """A number in a frame: its first byte, its length, and whether it is unsigned (u), signed (i)
+    or real (f)."""
 
     at: int
     size: int
     kind: str
 
     def column(self, frames: Frames, order: ByteOrder) -> NDArray[np.float64] | NDArray[np.int64]:
-        """Return the number of every frame, shape (frames,): whole ones as int64 (unsigned beyond that wrap), real ones as float64."""
+        """Return the number of every frame, shape (frames,): whole ones as int64 (unsigned beyond
+        that wrap), real ones as float64."""
         raw = frames[:, self.at : self.at + self.size]
         if order == "big":
             raw = raw[:, ::-1]
@@ -41,7 +47,8 @@ class Place:
 
 
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:
-    """Return the places by name and where the last one ends. ``texts`` are such as ``position i32`` or ``skip 2``, the first at ``start``.
+    """Return the places by name and where the last one ends. ``texts`` are such as ``position i32``
+    or ``skip 2``, the first at ``start``.
 
     Raises UsageError that names what is wrong.
     """
@@ -49,7 +56,11 @@ def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], i
     at = start
     for text in texts:
         found = _FIELD.match(text)
-        if found is None or found["name"] not in NAMES or (found["name"] == "skip") != (found["count"] is not None):
+        if (
+            found is None
+            or found["name"] not in NAMES
+            or (found["name"] == "skip") != (found["count"] is not None)
+        ):
             raise _refused(message("layout-field", text=text, names=NAMES[:-1]))
         size = int(found["count"] or int(found["bits"]) // 8)
         if found["kind"] == "f" and size not in (4, 8):

@@ -44,7 +44,8 @@ class LineBuffer:
         return complete
 
     def preview(self, chunk: bytes) -> bytes:
-        """Return what `feed` would return, taking nothing; empty also where the line under way is to be dropped or is too long."""
+        """Return what `feed` would return, taking nothing; empty also where the line under way is
+        to be dropped or is too long."""
         cut = chunk.rfind(self._terminator) + 1
         if self._skipping or len(chunk) - cut > self.cap:
             return b""
@@ -74,8 +75,13 @@ def quote(raw: bytes) -> str:
     return f'"{printable}"' + ("..." if len(raw) > _QUOTED_BYTES else "")
 
 
-def arrivals_of_lines(chunks: Sequence[tuple[bytes, int]], terminator: bytes = b"\n") -> NDArray[np.int64]:
+def arrivals_of_lines(
+    chunks: Sequence[tuple[bytes, int]], terminator: bytes = b"\n"
+) -> NDArray[np.int64]:
     """Return the arrival in ns of the chunk that ends a line, for every line of chunks (bytes,
     arrival in ns), shape (lines,).
     """
-    return np.repeat(np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64), [chunk.count(terminator) for chunk, _ in chunks])
+    return np.repeat(
+        np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64),
+        [chunk.count(terminator) for chunk, _ in chunks],
+    )

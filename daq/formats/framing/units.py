@@ -8,5 +8,6 @@ _MM_PER_UNIT: Mapping[str, float] = {"mm": 1.0, "um": 1e-3, "nm": 1e-6, "pm": 1e
 
 
 def mm_per_unit(unit: Unit, wavelength_nm: float, optics: int) -> float:
-    """Return the millimetres of a unit; ``counts`` is half a vacuum wavelength divided by ``optics``."""
+    """Return the millimetres of a unit; ``counts`` is half a vacuum wavelength divided by
+    ``optics``."""
     return wavelength_nm * 1e-6 / 2 / optics if unit == "counts" else _MM_PER_UNIT[unit]

@@ -1,4 +1,5 @@
-"""Air and material from a sensor of their own: one text line a measurement, described by its configuration.
+"""Air and material from a sensor of their own: one text line a measurement, described by its
+configuration.
 
 Vaisala PTU300 in its factory setting: it answers `SEND` with pressure, temperature and humidity
 (``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), perhaps behind a prompt and
@@ -20,15 +21,29 @@ from stepdiag.daq.formats.framing.lines import LineBuffer, quote
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.timing.samples import Flag, Samples
 
-MEASURED = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
+MEASURED = (
+    "air_temperature_c",
+    "air_pressure_hpa",
+    "relative_humidity_percent",
+    "material_temperature_c",
+)
 """The quantities of a line: the names of the pattern's groups, and the order of the channels."""
 PTU300 = (
-    r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa\s+T\s*=\s*(?P<air_temperature_c>[-+.0-9*]+)\s*'C"
+    r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa\s+T\s*=\s*(?P<air_temperature_c>"
+    r"[-+.0-9*]+)\s*'C"
     r"\s+RH\s*=\s*(?P<relative_humidity_percent>[-+.0-9*]+)\s*%RH\s*"
 )
 TemperatureUnit = Literal["C", "F", "K"]
 PressureUnit = Literal["hPa", "mbar", "kPa", "Pa", "bar", "mmHg", "inHg"]
-HPA = {"hPa": 1.0, "mbar": 1.0, "kPa": 10.0, "Pa": 0.01, "bar": 1000.0, "mmHg": 1.33322387415, "inHg": 33.8638866667}
+HPA = {
+    "hPa": 1.0,
+    "mbar": 1.0,
+    "kPa": 10.0,
+    "Pa": 0.01,
+    "bar": 1000.0,
+    "mmHg": 1.33322387415,
+    "inHg": 33.8638866667,
+}
 _LINE_CAP = 500
 """Longest line in bytes; a PTU300's is below 60."""
 
@@ -51,9 +66,24 @@ class AirSettings:
 
     def __post_init__(self) -> None:
         groups = line_pattern(self.pattern, "survey: environment.sensor.pattern").groupindex
-        require(bool(groups), "environment.sensor.pattern", message("named-group", group="(?P<air_temperature_c>...)"), self.pattern)
-        require(set(groups) <= set(MEASURED), "environment.sensor.pattern", message("no-other-groups", names=MEASURED), sorted(groups))
-        require((self.request + self.greeting).isascii(), "environment.sensor.request", message("plain-ascii"), self.request)
+        require(
+            bool(groups),
+            "environment.sensor.pattern",
+            message("named-group", group="(?P<air_temperature_c>...)"),
+            self.pattern,
+        )
+        require(
+            set(groups) <= set(MEASURED),
+            "environment.sensor.pattern",
+            message("no-other-groups", names=MEASURED),
+            sorted(groups),
+        )
+        require(
+            (self.request + self.greeting).isascii(),
+            "environment.sensor.request",
+            message("plain-ascii"),
+            self.request,
+        )
 
 
 @cache
@@ -99,14 +129,20 @@ class AirDecoder:
         return batch.samples(arrival_ns)
 
     def _add(self, line: bytes, batch: Batch) -> None:
-        found = self._pattern.fullmatch(line.decode("latin-1").strip("\r\n\0")) if len(line) <= _LINE_CAP else None
+        found = (
+            self._pattern.fullmatch(line.decode("latin-1").strip("\r\n\0"))
+            if len(line) <= _LINE_CAP
+            else None
+        )
         if found is None:
             batch.note("garbage", message("line-no-match", quoted=quote(line)))
             return
         groups = found.groupdict()
         values = np.array([self._value(name, groups.get(name)) for name in MEASURED])
         known = np.isfinite(values)
-        for name, value in zip(np.array(MEASURED)[known].tolist(), values[known].tolist(), strict=True):
+        for name, value in zip(
+            np.array(MEASURED)[known].tolist(), values[known].tolist(), strict=True
+        ):
             batch.note("environment", name=name, value=value)
         flags = np.array([0 if known.any() else Flag.DEVICE_ERROR], dtype=np.uint16)
         batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])

@@ -27,7 +27,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 AngleUnit = Literal["arcsec", "urad", "mrad", "deg"]
 URAD = {"arcsec": math.pi / 180 / 3600 * 1e6, "urad": 1.0, "mrad": 1e3, "deg": math.pi / 180 * 1e6}
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,2})?"
-ELCOMAT = rf"\s*3\s+[0-9][0-9](?P<valid>[0-3])[0-9]*\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
+ELCOMAT = (
+    rf"\s*3\s+[0-9][0-9](?P<valid>[0-3])[0-9]*\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
+)
 ELCOMAT_GREETING = "s\nA\n"
 WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
@@ -55,16 +57,37 @@ class AnglesSettings:
 
     def __post_init__(self) -> None:
         groups = line_pattern(self.pattern, "survey: head.angles.pattern").groupindex
-        require("first" in groups, "head.angles.pattern", message("named-group", group="(?P<first>...)"), self.pattern)
-        require(set(groups) <= set(GROUPS), "head.angles.pattern", message("no-other-groups", names=GROUPS), sorted(groups))
-        require(0 < self.poll_hz <= 100, "head.angles.poll_hz", message("number-up-to", most=100), self.poll_hz)
-        require((self.request + self.greeting).isascii(), "head.angles.request", message("plain-ascii"), self.request)
+        require(
+            "first" in groups,
+            "head.angles.pattern",
+            message("named-group", group="(?P<first>...)"),
+            self.pattern,
+        )
+        require(
+            set(groups) <= set(GROUPS),
+            "head.angles.pattern",
+            message("no-other-groups", names=GROUPS),
+            sorted(groups),
+        )
+        require(
+            0 < self.poll_hz <= 100,
+            "head.angles.poll_hz",
+            message("number-up-to", most=100),
+            self.poll_hz,
+        )
+        require(
+            (self.request + self.greeting).isascii(),
+            "head.angles.request",
+            message("plain-ascii"),
+            self.request,
+        )
 
 
 class AnglesDecoder:
     """Decoder of an angular instrument that sends by itself (`daq.timing.samples.Decoder`).
 
-    ``channels`` has shape (count, 1 or 2): angles in urad. Positions and beam are NaN. The host numbers the readings.
+    ``channels`` has shape (count, 1 or 2): angles in urad. Positions and beam are NaN. The host
+    numbers the readings.
     """
 
     gaps_visible = False
@@ -108,7 +131,9 @@ class AnglesDecoder:
         batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])
         self._number += 1
 
-    def _values(self, groups: dict[str, str | None]) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
+    def _values(
+        self, groups: dict[str, str | None]
+    ) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
         """Return the angles in urad, NaN for an invalid angle; None if the text holds no number of
         the instrument.
         """
@@ -118,7 +143,12 @@ class AnglesDecoder:
             seen = [int(valid) & 1, int(valid) & 2]
         except ValueError:
             return None
-        values = np.array([number * URAD[self._settings.unit] if ok else np.nan for number, ok in zip(numbers, seen, strict=False)])
+        values = np.array(
+            [
+                number * URAD[self._settings.unit] if ok else np.nan
+                for number, ok in zip(numbers, seen, strict=False)
+            ]
+        )
         return None if (np.abs(values) > _LARGEST_URAD).any() else values
 
 

@@ -35,13 +35,24 @@ class FourdofSettings:
     def __post_init__(self) -> None:
         full = self.full_sum
         require(full is None or min(full) > 0, "head.full_sum", message("three-above-0"), full)
-        require(0 <= self.beam_threshold < 1, "head.beam_threshold", message("number-below-1"), self.beam_threshold)
-        require(self.rate_hz is None or self.rate_hz > 0, "head.rate_hz", message("number-above-0"), self.rate_hz)
+        require(
+            0 <= self.beam_threshold < 1,
+            "head.beam_threshold",
+            message("number-below-1"),
+            self.beam_threshold,
+        )
+        require(
+            self.rate_hz is None or self.rate_hz > 0,
+            "head.rate_hz",
+            message("number-above-0"),
+            self.rate_hz,
+        )
 
 
 SYNC = b"\xf4\xd0"
 FRAME_SIZE = 46
-"""Sync 2, type 1, status 1, counter 4, nine values of 4, CRC 2: at 115200 baud, ten bits a byte, 250 frames a second."""
+"""Sync 2, type 1, status 1, counter 4, nine values of 4, CRC 2: at 115200 baud, ten bits a byte,
+250 frames a second."""
 LINE_CAP = 256
 """Bytes of an ASCII line; full-length whole numbers make 135, floating ones up to 200."""
 
@@ -55,7 +66,8 @@ _LINE = re.compile(rb"\$(4D,([0-9]{1,10}),([0-9]{1,3})((?:,%b){9}))\*([0-9A-Fa-f
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16 of the frames: polynomial 0x1021, start 0xFFFF, not reflected (CRC-16/CCITT-FALSE)."""
+    """Return the CRC-16 of the frames: polynomial 0x1021, start 0xFFFF, not reflected
+    (CRC-16/CCITT-FALSE)."""
     return binascii.crc_hqx(data, 0xFFFF)
 
 
@@ -69,8 +81,9 @@ class _Rows:
 class FourdofDecoder:
     """Decoder of a 4-DOF head (`daq.timing.samples.Decoder`).
 
-    ``channels`` has shape (count, 9): x, y and sum of QD, PSD 1 and PSD 2 in the head's units. Positions are NaN. A frame whose CRC
-    is wrong is garbage; a value that is no finite number is NaN and its sample flagged DEVICE_ERROR.
+    ``channels`` has shape (count, 9): x, y and sum of QD, PSD 1 and PSD 2 in the head's units.
+    Positions are NaN. A frame whose CRC is wrong is garbage; a value that is no finite number is
+    NaN and its sample flagged DEVICE_ERROR.
     """
 
     gaps_visible = True
@@ -123,24 +136,35 @@ class FourdofDecoder:
         mark(flags, ((status & _HEAD_FAULT) != 0) | wrong.any(axis=1), Flag.DEVICE_ERROR)
         beam = self._beam(channels)
         judge_beam(beam, self._settings.beam_threshold, flags)
-        batch.add(followed.counter, np.full(len(status), np.nan), flags, beam=beam, channels=channels)
+        batch.add(
+            followed.counter, np.full(len(status), np.nan), flags, beam=beam, channels=channels
+        )
 
     def _beam(self, channels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the weakest of the three sums, 0 to 1, shape (rows,); NaN where full beam is not configured."""
+        """Return the weakest of the three sums, 0 to 1, shape (rows,); NaN where full beam is not
+        configured."""
         if self._settings.full_sum is None:
             return np.full(len(channels), np.nan)
-        weakest: NDArray[np.float64] = np.min(channels[:, _SUMS] / np.array(self._settings.full_sum), axis=1)
+        weakest: NDArray[np.float64] = np.min(
+            channels[:, _SUMS] / np.array(self._settings.full_sum), axis=1
+        )
         return np.clip(weakest, 0.0, 1.0)
 
 
 def _is_whole(frame: bytes) -> bool:
-    return frame[2] in (_INT32, _FLOAT32) and crc16(frame[2:44]) == int.from_bytes(frame[44:46], "little")
+    return frame[2] in (_INT32, _FLOAT32) and crc16(frame[2:44]) == int.from_bytes(
+        frame[44:46], "little"
+    )
 
 
 def _binary_rows(frames: Frames) -> _Rows:
     values = np.ascontiguousarray(frames[:, 8:44])
     with np.errstate(invalid="ignore"):  # a signalling NaN of the wire
-        channels = np.where(frames[:, 2:3] == _INT32, values.view("<i4").astype(np.float64), values.view("<f4").astype(np.float64))
+        channels = np.where(
+            frames[:, 2:3] == _INT32,
+            values.view("<i4").astype(np.float64),
+            values.view("<f4").astype(np.float64),
+        )
     counter = np.ascontiguousarray(frames[:, 4:8]).view("<u4").ravel().astype(np.int64)
     return _Rows(counter, frames[:, 3].astype(np.int64), channels)
 

@@ -52,12 +52,34 @@ class FramesSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0 < len(self.sync_bytes) <= 16, "laser.frames.sync", message("sync-bytes"), self.sync)
+        require(
+            0 < len(self.sync_bytes) <= 16, "laser.frames.sync", message("sync-bytes"), self.sync
+        )
         places, _ = read_layout(self.layout, len(self.sync_bytes))
-        require("position" in places, "laser.frames.layout", message("field-position"), list(self.layout))
-        require(self.size <= LARGEST_FRAME, "laser.frames.layout", message("frames-at-most", count=LARGEST_FRAME), self.size)
-        require(self.checksum in CHECKSUMS, "laser.frames.checksum", message("one-of", names=list(CHECKSUMS)), self.checksum)
-        require(0 <= self.checksum_from < self.size, "laser.frames.checksum_from", message("byte-of-frame"), self.checksum_from)
+        require(
+            "position" in places,
+            "laser.frames.layout",
+            message("field-position"),
+            list(self.layout),
+        )
+        require(
+            self.size <= LARGEST_FRAME,
+            "laser.frames.layout",
+            message("frames-at-most", count=LARGEST_FRAME),
+            self.size,
+        )
+        require(
+            self.checksum in CHECKSUMS,
+            "laser.frames.checksum",
+            message("one-of", names=list(CHECKSUMS)),
+            self.checksum,
+        )
+        require(
+            0 <= self.checksum_from < self.size,
+            "laser.frames.checksum_from",
+            message("byte-of-frame"),
+            self.checksum_from,
+        )
         for name in ("counter", "status"):
             require(
                 name not in places or places[name].kind != "f",
@@ -67,12 +89,29 @@ class FramesSettings:
             )
         for name in ("lost_bits", "error_bits", "good_bits"):
             mask = getattr(self, name)
-            require(not mask or "status" in places, f"laser.frames.{name}", message("zero-without-status"), mask)
+            require(
+                not mask or "status" in places,
+                f"laser.frames.{name}",
+                message("zero-without-status"),
+                mask,
+            )
             require(mask >= 0, f"laser.frames.{name}", message("mask-of-bits"), mask)
         require(self.scale != 0, "laser.frames.scale", message("number-not-zero"), self.scale)
-        require(self.beam_full > 0, "laser.frames.beam_full", message("number-above-0"), self.beam_full)
-        require(0 <= self.beam_threshold < 1, "laser.frames.beam_threshold", message("number-below-1"), self.beam_threshold)
-        require(self.rate_hz is None or self.rate_hz > 0, "laser.frames.rate_hz", message("number-above-0"), self.rate_hz)
+        require(
+            self.beam_full > 0, "laser.frames.beam_full", message("number-above-0"), self.beam_full
+        )
+        require(
+            0 <= self.beam_threshold < 1,
+            "laser.frames.beam_threshold",
+            message("number-below-1"),
+            self.beam_threshold,
+        )
+        require(
+            self.rate_hz is None or self.rate_hz > 0,
+            "laser.frames.rate_hz",
+            message("number-above-0"),
+            self.rate_hz,
+        )
         require_interferometer(self.wavelength_nm, self.optics)
         require_sign(self.sign)
 
@@ -92,7 +131,9 @@ class FramesSettings:
     @property
     def size(self) -> int:
         """Return the bytes of a frame."""
-        return read_layout(self.layout, len(self.sync_bytes))[1] + (CHECKSUMS[self.checksum].size if self.checksum in CHECKSUMS else 0)
+        return read_layout(self.layout, len(self.sync_bytes))[1] + (
+            CHECKSUMS[self.checksum].size if self.checksum in CHECKSUMS else 0
+        )
 
 
 class FramesDecoder:
@@ -108,7 +149,11 @@ class FramesDecoder:
         self._places = settings.places
         self._checksum = CHECKSUMS[settings.checksum]
         self._frames = FrameBuffer(settings.sync_bytes, settings.size, self._is_whole)
-        self._mm = settings.sign * settings.scale * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
+        self._mm = (
+            settings.sign
+            * settings.scale
+            * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
+        )
         self._track = CounterTrack(_wraps(self._places.get("counter")))
         self._number = 0
         self.nominal_rate_hz = settings.rate_hz
@@ -150,10 +195,19 @@ class FramesDecoder:
         if "status" in self._places:
             status = self._column(kept, "status").astype(np.int64)
             mark(flags, (status & settings.lost_bits) != 0, Flag.BEAM_LOST)
-            mark(flags, ((status & settings.error_bits) != 0) | ((status & settings.good_bits) != settings.good_bits), Flag.DEVICE_ERROR)
+            mark(
+                flags,
+                ((status & settings.error_bits) != 0)
+                | ((status & settings.good_bits) != settings.good_bits),
+                Flag.DEVICE_ERROR,
+            )
         beam = None
         if "beam" in self._places:
-            beam = np.clip(np.nan_to_num(self._column(kept, "beam").astype(np.float64)) / settings.beam_full, 0.0, 1.0)
+            beam = np.clip(
+                np.nan_to_num(self._column(kept, "beam").astype(np.float64)) / settings.beam_full,
+                0.0,
+                1.0,
+            )
             judge_beam(beam, settings.beam_threshold, flags)
         batch.add(followed.counter, position_mm, flags, beam=beam)
 

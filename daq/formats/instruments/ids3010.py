@@ -36,9 +36,24 @@ class Ids3010Settings:
 
     def __post_init__(self) -> None:
         require(self.axis in (1, 2, 3), "laser.ids3010.axis", "1, 2 or 3", self.axis)
-        require(0 < self.poll_hz <= 100, "laser.ids3010.poll_hz", message("number-up-to", most=100), self.poll_hz)
-        require(0 < self.contrast_full <= 1000, "laser.ids3010.contrast_full", message("number-up-to", most=1000), self.contrast_full)
-        require(0 <= self.beam_threshold < 1, "laser.ids3010.beam_threshold", message("number-below-1"), self.beam_threshold)
+        require(
+            0 < self.poll_hz <= 100,
+            "laser.ids3010.poll_hz",
+            message("number-up-to", most=100),
+            self.poll_hz,
+        )
+        require(
+            0 < self.contrast_full <= 1000,
+            "laser.ids3010.contrast_full",
+            message("number-up-to", most=1000),
+            self.contrast_full,
+        )
+        require(
+            0 <= self.beam_threshold < 1,
+            "laser.ids3010.beam_threshold",
+            message("number-below-1"),
+            self.beam_threshold,
+        )
         require_sign(self.sign)
 
 
@@ -66,7 +81,8 @@ _decode = msgspec.json.Decoder(_Answer).decode
 
 
 class Ids3010Decoder:
-    """Decoder of an IDS3010 (`daq.timing.samples.AskingDecoder`). The host numbers the readings; a lost answer is not seen here."""
+    """Decoder of an IDS3010 (`daq.timing.samples.AskingDecoder`). The host numbers the readings; a
+    lost answer is not seen here."""
 
     gaps_visible = False
 
@@ -77,9 +93,14 @@ class Ids3010Decoder:
         self._beam = float("nan")
         names = f"com.attocube.{settings.interface}.displacement."
         self.request = _request(names + "getAxesDisplacement", _DISPLACEMENT)
-        self.others = [(_request(names + "getAxisSignalQuality", _QUALITY, settings.axis - 1), QUALITY_EVERY_S)]
+        self.others = [
+            (_request(names + "getAxisSignalQuality", _QUALITY, settings.axis - 1), QUALITY_EVERY_S)
+        ]
         if settings.air:
-            self.others += [(_request(f"com.attocube.ecu.{method}", number), AIR_EVERY_S) for number, (method, _) in _AIR.items()]
+            self.others += [
+                (_request(f"com.attocube.ecu.{method}", number), AIR_EVERY_S)
+                for number, (method, _) in _AIR.items()
+            ]
         self.poll_interval_s = 1 / settings.poll_hz
         self.nominal_rate_hz: float | None = settings.poll_hz
         self.latency_s = settings.latency_s
@@ -102,7 +123,9 @@ class Ids3010Decoder:
     def _take(self, line: bytes, batch: Batch) -> None:
         try:
             answer = _decode(line)
-            numbers = [float(each) for each in answer.result or () if isinstance(each, (int, float))]
+            numbers = [
+                float(each) for each in answer.result or () if isinstance(each, (int, float))
+            ]
         except (msgspec.MsgspecError, UnicodeDecodeError, OverflowError):
             batch.note("garbage", message("no-ids-answer", quoted=quote(line)))
             return
@@ -125,7 +148,12 @@ class Ids3010Decoder:
         why = error.get("message")
         quoted = quote(why.encode()) if isinstance(why, str) else quote(line)
         answers = message("instrument-answers", quoted=quoted)
-        batch.note("device", message("other-interface", what=answers) if error.get("code") == _UNKNOWN_METHOD else answers)
+        batch.note(
+            "device",
+            message("other-interface", what=answers)
+            if error.get("code") == _UNKNOWN_METHOD
+            else answers,
+        )
         if answer.id == _DISPLACEMENT:
             self._append(float("nan"), Flag.DEVICE_ERROR, batch)
 

@@ -1,7 +1,9 @@
-"""`lasertex`: Lasertex HPI-3D and Status Pro uLine F1 machine tool lasers, a USB serial line of 3 Mbaud.
+"""`lasertex`: Lasertex HPI-3D and Status Pro uLine F1 machine tool lasers, a USB serial line of 3
+Mbaud.
 
-Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet met the instrument. To the device go 8 bytes: AA, command of
-two bytes, four zeros, CRC; from it come 16: AA, command, twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over all bytes before it.
+Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet met the instrument. To
+the device go 8 bytes: AA, command of two bytes, four zeros, CRC; from it come 16: AA, command,
+twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over all bytes before it.
 """
 
 from collections.abc import Callable
@@ -32,8 +34,18 @@ class LasertexSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0 < self.level_full <= 255, "laser.lasertex.level_full", message("number-up-to", most=255), self.level_full)
-        require(0 <= self.beam_threshold < 1, "laser.lasertex.beam_threshold", message("number-below-1"), self.beam_threshold)
+        require(
+            0 < self.level_full <= 255,
+            "laser.lasertex.level_full",
+            message("number-up-to", most=255),
+            self.level_full,
+        )
+        require(
+            0 <= self.beam_threshold < 1,
+            "laser.lasertex.beam_threshold",
+            message("number-below-1"),
+            self.beam_threshold,
+        )
         require_sign(self.sign)
 
 
@@ -41,7 +53,13 @@ RATE_HZ = 25.0
 _SYNC, _SIZE = b"\xaa", 16
 _CRC = CHECKSUMS["crc-8/nrsc-5"]
 _DISTANCE, _VELOCITY, _WEATHER = 0xB015, 0xB016, 0xB00A
-_STOP_ALL, _CLEAR_SIGNAL, _CLEAR_VELOCITY, _DISTANCE_ON, _WEATHER_ON = 0xB03C, 0xB03D, 0xB03F, 0xB032, 0xB079
+_STOP_ALL, _CLEAR_SIGNAL, _CLEAR_VELOCITY, _DISTANCE_ON, _WEATHER_ON = (
+    0xB03C,
+    0xB03D,
+    0xB03F,
+    0xB032,
+    0xB079,
+)
 _ANSWERED = range(0xB030, 0xB080)
 """Commands that the device repeats as their acknowledgement."""
 _VALUE = Place(3, 7, "i")
@@ -68,7 +86,9 @@ class LasertexDecoder:
     """
 
     gaps_visible = False
-    greeting = b"".join(map(command, (_STOP_ALL, _CLEAR_SIGNAL, _CLEAR_VELOCITY, _DISTANCE_ON, _WEATHER_ON)))
+    greeting = b"".join(
+        map(command, (_STOP_ALL, _CLEAR_SIGNAL, _CLEAR_VELOCITY, _DISTANCE_ON, _WEATHER_ON))
+    )
 
     def __init__(self, settings: LasertexSettings) -> None:
         self._settings = settings
@@ -128,13 +148,16 @@ class LasertexDecoder:
         mark(flags, (frames[:, _SPEED_BYTE] & _SPEED) != 0, Flag.SLEW)
         mark(flags, (frames[:, _STATE_BYTE] & _LASER_READY) == 0, Flag.HEAD_ERROR)
         mark(flags, (frames[:, _STATE_BYTE] & _SIGNAL_GOOD) == 0, Flag.BEAM_LOST)
-        beam = np.clip(frames[:, _LEVEL_BYTE].astype(np.float64) / self._settings.level_full, 0.0, 1.0)
+        beam = np.clip(
+            frames[:, _LEVEL_BYTE].astype(np.float64) / self._settings.level_full, 0.0, 1.0
+        )
         judge_beam(beam, self._settings.beam_threshold, flags)
         first, self._number = self._number, self._number + len(frames)
         batch.add(np.arange(first, self._number, dtype=np.int64), position_mm, flags, beam=beam)
 
     def _hear_weather(self, frame: bytes, batch: Batch) -> None:
-        """Take a report of a sensor: number, temperature in 0.01 C, humidity in %, battery, link, pressure in 10 Pa."""
+        """Take a report of a sensor: number, temperature in 0.01 C, humidity in %, battery, link,
+        pressure in 10 Pa."""
         sensor, temperature_c = frame[3], int.from_bytes(frame[4:6], "big", signed=True) * 0.01
         if sensor == _AIR_SENSOR:
             pressure_hpa = int.from_bytes(frame[9:11], "big") * 0.1
@@ -145,7 +168,9 @@ class LasertexDecoder:
             }
         else:
             self._material_c[sensor] = temperature_c
-            measured = {"material_temperature_c": sum(self._material_c.values()) / len(self._material_c)}
+            measured = {
+                "material_temperature_c": sum(self._material_c.values()) / len(self._material_c)
+            }
         for name, value in measured.items():
             batch.note("environment", name=name, value=value)
 

@@ -55,20 +55,51 @@ class LineSettings:
 
     def __post_init__(self) -> None:
         groups = self._groups()
-        require("position" in groups, "laser.line.pattern", message("named-group", group="(?P<position>...)"), self.pattern)
+        require(
+            "position" in groups,
+            "laser.line.pattern",
+            message("named-group", group="(?P<position>...)"),
+            self.pattern,
+        )
         modulus = self.counter_modulus
-        require(modulus is None or modulus > 1, "laser.line.counter_modulus", message("whole-number-from-up", least=2), modulus)
-        require(self.beam_full > 0, "laser.line.beam_full", message("number-above-0"), self.beam_full)
-        require(0 <= self.beam_threshold < 1, "laser.line.beam_threshold", message("number-below-1"), self.beam_threshold)
-        require(self.rate_hz is None or self.rate_hz > 0, "laser.line.rate_hz", message("number-above-0"), self.rate_hz)
+        require(
+            modulus is None or modulus > 1,
+            "laser.line.counter_modulus",
+            message("whole-number-from-up", least=2),
+            modulus,
+        )
+        require(
+            self.beam_full > 0, "laser.line.beam_full", message("number-above-0"), self.beam_full
+        )
+        require(
+            0 <= self.beam_threshold < 1,
+            "laser.line.beam_threshold",
+            message("number-below-1"),
+            self.beam_threshold,
+        )
+        require(
+            self.rate_hz is None or self.rate_hz > 0,
+            "laser.line.rate_hz",
+            message("number-above-0"),
+            self.rate_hz,
+        )
         require_interferometer(self.wavelength_nm, self.optics)
         require_sign(self.sign)
 
     def _groups(self) -> frozenset[str]:
         try:
-            require("\n".encode(self.encoding) == b"\n", "laser.line.encoding", message("encoding-extends-ascii"), self.encoding)
+            require(
+                "\n".encode(self.encoding) == b"\n",
+                "laser.line.encoding",
+                message("encoding-extends-ascii"),
+                self.encoding,
+            )
         except LookupError as error:
-            raise UsageError("survey: laser.line.encoding", expected=message("encoding-such-ascii"), found=self.encoding) from error
+            raise UsageError(
+                "survey: laser.line.encoding",
+                expected=message("encoding-such-ascii"),
+                found=self.encoding,
+            ) from error
         return frozenset(line_pattern(self.pattern, "survey: laser.line.pattern").groupindex)
 
 
@@ -79,7 +110,9 @@ SAME_LINES = 1024
 """Kept as they were read: a laser that hangs repeats a value, and a log holds several such lines in
 a byte.
 """
-_NUMBER = re.compile(r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*")
+_NUMBER = re.compile(
+    r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*"
+)
 _COUNT = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
 
 
@@ -93,9 +126,10 @@ class _Row:
 class LineDecoder:
     """Decoder of configured ASCII lines (`daq.timing.samples.Decoder`).
 
-    A line that does not match, or whose counter is no number, is a garbage notice. A matching line whose position is no number
-    is a sample: NaN, flagged DEVICE_ERROR. The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE.
-    Without a counter in the line the lines are numbered and a lost one is not seen.
+    A line that does not match, or whose counter is no number, is a garbage notice. A matching line
+    whose position is no number is a sample: NaN, flagged DEVICE_ERROR. The first line of a stream
+    may be cut in front: its sample is flagged OUT_OF_RANGE. Without a counter in the line the lines
+    are numbered and a lost one is not seen.
     """
 
     def __init__(self, settings: LineSettings) -> None:
@@ -103,11 +137,17 @@ class LineDecoder:
         self._pattern = line_pattern(settings.pattern, "survey: laser.line.pattern")
         place = self._pattern.groupindex
         self._places = [place["position"], place.get("counter"), place.get("beam")]
-        self._mm = settings.sign * settings.scale * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
+        self._mm = (
+            settings.sign
+            * settings.scale
+            * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
+        )
         self._terminator = settings.terminator.encode()
         self._lines = LineBuffer(LINE_CAP, self._terminator)
         modulus = settings.counter_modulus
-        self._track = CounterTrack([Wrap(0, modulus - 1, min(modulus // 2, LONGEST_WRAP_GAP))] if modulus else [])
+        self._track = CounterTrack(
+            [Wrap(0, modulus - 1, min(modulus // 2, LONGEST_WRAP_GAP))] if modulus else []
+        )
         self._parsed = lru_cache(SAME_LINES)(self._read)
         self._first_line = True
         self._number = -1
@@ -162,7 +202,8 @@ class LineDecoder:
         return batch.samples(arrivals_of_lines(chunks, self._terminator))
 
     def _numbered(self, parsed: Sequence[tuple[float, str | None, float]]) -> list[_Row] | None:
-        """Return rows with the count that stands in their lines, or the next numbers, which stay free; None where one has no count."""
+        """Return rows with the count that stands in their lines, or the next numbers, which stay
+        free; None where one has no count."""
         rows = []
         for number, (position, counter, beam) in enumerate(parsed, self._number + 1):
             count = self._count(counter) if self.gaps_visible else number
@@ -186,7 +227,9 @@ class LineDecoder:
             text = line.decode(self._settings.encoding).strip("\r\n")
         except UnicodeDecodeError:
             return None
-        found = self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None  # RE2 looks at UTF-8: twice as fast as at text
+        found = (
+            self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None
+        )  # RE2 looks at UTF-8: twice as fast as at text
         if found is None:
             return None
         fields = [None if place is None else found[place] for place in self._places]
@@ -209,10 +252,16 @@ class LineDecoder:
         position_mm, beam, flags = self._columns(kept)
         batch.add(followed.counter, position_mm, flags, beam=beam)
 
-    def _columns(self, rows: Sequence[_Row]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]:
+    def _columns(
+        self, rows: Sequence[_Row]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]:
         """Return positions in mm, beams from 0 to 1 and flags, each of shape (rows,)."""
         position_mm = np.array([row.position for row in rows], dtype=np.float64) * self._mm
-        beam = np.clip(np.array([row.beam for row in rows], dtype=np.float64) / self._settings.beam_full, 0.0, 1.0)
+        beam = np.clip(
+            np.array([row.beam for row in rows], dtype=np.float64) / self._settings.beam_full,
+            0.0,
+            1.0,
+        )
         flags = np.where(np.isnan(position_mm), Flag.DEVICE_ERROR, 0).astype(np.uint16)
         judge_beam(beam, self._settings.beam_threshold, flags)
         return position_mm, beam, flags
@@ -223,14 +272,19 @@ def _counts(rows: Sequence[_Row]) -> NDArray[np.int64]:
 
 
 def line_pattern(pattern: str, where: str) -> Any:
-    """Return a pattern ready to match. Raises UsageError for what RE2 cannot hold; ``where`` names the pattern."""
+    """Return a pattern ready to match. Raises UsageError for what RE2 cannot hold; ``where`` names
+    the pattern."""
     options = re2.Options()
     options.log_errors = False
     options.max_mem = MOST_MEMORY_BYTES
     try:
         return re2.compile(pattern, options)
     except re2.error as error:
-        why = error.args[0].decode("utf-8", "replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+        why = (
+            error.args[0].decode("utf-8", "replace")
+            if error.args and isinstance(error.args[0], bytes)
+            else str(error)
+        )
         raise UsageError(
             where,
             expected=message("expression-of-re2"),

@@ -1,4 +1,5 @@
-"""`nd`: Heidenhain ND position displays over RS-232, polled (reference: instruments 1.B; ND 287, ND 281 B, ND 720 manuals)."""
+"""`nd`: Heidenhain ND position displays over RS-232, polled (reference: instruments 1.B; ND 287, ND
+281 B, ND 720 manuals)."""
 
 import re
 from dataclasses import dataclass
@@ -17,8 +18,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class NdSettings:
     """Settings of an ND display.
 
-    ``value`` is the current value (whole steps of ``resolution_mm``, which is a setting of the device) or the displayed one
-    (with a decimal point, in ``unit``). ``axis`` counts the lines of an answer from 1 on displays with several axes.
+    ``value`` is the current value (whole steps of ``resolution_mm``, which is a setting of the
+    device) or the displayed one (with a decimal point, in ``unit``). ``axis`` counts the lines of
+    an answer from 1 on displays with several axes.
     """
 
     value: Literal["current", "displayed"] = "current"
@@ -30,9 +32,24 @@ class NdSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(1 <= self.axis <= 8, "laser.nd.axis", message("whole-number-between", least=1, most=8), self.axis)
-        require(self.resolution_mm > 0, "laser.nd.resolution_mm", message("number-above-0"), self.resolution_mm)
-        require(0 < self.poll_hz <= 100, "laser.nd.poll_hz", message("number-up-to", most=100), self.poll_hz)
+        require(
+            1 <= self.axis <= 8,
+            "laser.nd.axis",
+            message("whole-number-between", least=1, most=8),
+            self.axis,
+        )
+        require(
+            self.resolution_mm > 0,
+            "laser.nd.resolution_mm",
+            message("number-above-0"),
+            self.resolution_mm,
+        )
+        require(
+            0 < self.poll_hz <= 100,
+            "laser.nd.poll_hz",
+            message("number-up-to", most=100),
+            self.poll_hz,
+        )
         require_sign(self.sign)
 
 
@@ -61,7 +78,9 @@ class NdDecoder:
     def __init__(self, settings: NdSettings) -> None:
         self._settings = settings
         self._grammar = _GRAMMAR[settings.value]
-        unit_mm = settings.resolution_mm if settings.value == "current" else _MM_PER_UNIT[settings.unit]
+        unit_mm = (
+            settings.resolution_mm if settings.value == "current" else _MM_PER_UNIT[settings.unit]
+        )
         self._mm = settings.sign * unit_mm
         self._line = bytearray()
         self._axis = 0
@@ -115,7 +134,10 @@ class NdDecoder:
 
     def _drop_half_answer(self, batch: Batch) -> None:
         if self._line or 0 < self._axis <= self._settings.axis:
-            batch.note("device", message("answer-ended", axis=self._settings.axis, quoted=quote(bytes(self._line))))
+            batch.note(
+                "device",
+                message("answer-ended", axis=self._settings.axis, quoted=quote(bytes(self._line))),
+            )
         self.resync()
 
     def _add_garbage(self, raw: bytes, batch: Batch) -> None:
@@ -126,5 +148,7 @@ class NdDecoder:
         self._add(float("nan"), Flag.DEVICE_ERROR, batch)
 
     def _add(self, position_mm: float, flag: Flag, batch: Batch) -> None:
-        batch.add(np.array([self._number]), np.array([position_mm]), np.array([flag], dtype=np.uint16))
+        batch.add(
+            np.array([self._number]), np.array([position_mm]), np.array([flag], dtype=np.uint16)
+        )
         self._number += 1

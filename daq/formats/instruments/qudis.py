@@ -1,8 +1,9 @@
 """`qudis`: quTools quDIS fibre interferometers, binary telegrams over TCP 2101.
 
-Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet met the instrument. A telegram is five
-little-endian words {length of the rest, opcode, address, index, correlation} and data; a reading is two words, each with half of a 48-bit
-position in pm and half of a 14-bit counter that counts the edges, rising and falling, of the marker input.
+Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet met
+the instrument. A telegram is five little-endian words {length of the rest, opcode, address, index,
+correlation} and data; a reading is two words, each with half of a 48-bit position in pm and half of
+a 14-bit counter that counts the edges, rising and falling, of the marker input.
 """
 
 import struct
@@ -35,7 +36,12 @@ class QudisSettings:
 
     def __post_init__(self) -> None:
         require(self.axis in (1, 2, 3), "laser.qudis.axis", "1, 2 or 3", self.axis)
-        require(0 <= self.average <= 16, "laser.qudis.average", message("whole-number-between", least=0, most=16), self.average)
+        require(
+            0 <= self.average <= 16,
+            "laser.qudis.average",
+            message("whole-number-between", least=0, most=16),
+            self.average,
+        )
         require_sign(self.sign)
 
 
@@ -44,7 +50,14 @@ _SET, _GET, _ACK, _TELL = 0, 1, 3, 4
 _HEADER = struct.Struct("<5i")
 _CHANNELS = 16
 _TRIGGER, _SOURCE, _EVEN, _STATE = 0x0030, 0x0031, 0x0696, 0x0773
-_EVENTS_ON, _DATA_ON, _AVERAGE, _MARKER_ON, _MARKER_RESET, _MARKER_TIMEOUT = 0x0145, 0x0146, 0x0771, 0x07EB, 0x07EC, 0x07ED
+_EVENTS_ON, _DATA_ON, _AVERAGE, _MARKER_ON, _MARKER_RESET, _MARKER_TIMEOUT = (
+    0x0145,
+    0x0146,
+    0x0771,
+    0x07EB,
+    0x07EC,
+    0x07ED,
+)
 _DATA = 0x0F00
 _NO_TRIGGER, _POSITIONS = 0, 2
 _STATES = {0: message("wavelength-prepared"), 1: None, 2: message("wavelength-failed")}
@@ -63,11 +76,14 @@ _LOW24, _MARKER7, _HIGH_MARK = 0xFFFFFF, 0x7F, 1 << 31
 
 def telegram(opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0) -> bytes:
     """Return a telegram as it goes over the wire."""
-    return _HEADER.pack(16 + 4 * len(data), opcode, address, index, correlation) + struct.pack(f"<{len(data)}i", *data)
+    return _HEADER.pack(16 + 4 * len(data), opcode, address, index, correlation) + struct.pack(
+        f"<{len(data)}i", *data
+    )
 
 
 class QudisDecoder:
-    """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the marker counter: odd while the input is high.
+    """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the
+    marker counter: odd while the input is high.
 
     The protocol sends no strength of the signal and no lost beam: a lost count shows in the size of
     a step alone.
@@ -86,8 +102,18 @@ class QudisDecoder:
             [
                 *(telegram(_SET, _TRIGGER, channel, _NO_TRIGGER) for channel in range(_CHANNELS)),
                 telegram(_SET, _AVERAGE, 0, settings.average),
-                *(telegram(_SET, address, 0, value) for address, value in ((_MARKER_ON, 1), (_MARKER_RESET, 1), (_MARKER_TIMEOUT, 0))),
-                *(telegram(_SET, address, 0, value) for address, value in ((_SOURCE, source), (_EVEN, 1), (_TRIGGER, _POSITIONS))),
+                *(
+                    telegram(_SET, address, 0, value)
+                    for address, value in (
+                        (_MARKER_ON, 1),
+                        (_MARKER_RESET, 1),
+                        (_MARKER_TIMEOUT, 0),
+                    )
+                ),
+                *(
+                    telegram(_SET, address, 0, value)
+                    for address, value in ((_SOURCE, source), (_EVEN, 1), (_TRIGGER, _POSITIONS))
+                ),
                 *(telegram(_SET, address, 0, 1) for address in (_EVENTS_ON, _DATA_ON)),
                 *(telegram(_GET, address, correlation=1) for address in (_STATE, _SOURCE)),
             ]
@@ -118,14 +144,18 @@ class QudisDecoder:
             batch.note("device", message("other-channel", channel=address - _DATA))
         elif opcode == _ACK and len(words) and words[0]:
             reason = _REASONS.get(int(words[0])) or message("reason-number", number=int(words[0]))
-            batch.note("device", message("instrument-refuses", address=f"{address:04x}", reason=reason))
+            batch.note(
+                "device", message("instrument-refuses", address=f"{address:04x}", reason=reason)
+            )
         elif address == _STATE and len(words) == 1 + (opcode == _ACK):
             self._hear_state(int(words[-1]), batch)
         elif opcode == _ACK and address == _SOURCE and index == 0 and len(words) == 2:
             self._hear_source(int(words[1]), batch)
 
     def _hear_state(self, state: int, batch: Batch) -> None:
-        if state != self._state and (why := _STATES.get(state, message("unknown-state", number=state))):
+        if state != self._state and (
+            why := _STATES.get(state, message("unknown-state", number=state))
+        ):
             batch.note("device", why)
         self._state = state
 
@@ -139,22 +169,34 @@ class QudisDecoder:
 
     def _add(self, index: int, words: NDArray[np.int64], batch: Batch) -> None:
         low, high = words[0 : len(words) // 2 * 2 : 2], words[1::2]
-        if not len(high) or len(words) % 2 or (low & _HIGH_MARK).any() or not (high & _HIGH_MARK).all():
+        if (
+            not len(high)
+            or len(words) % 2
+            or (low & _HIGH_MARK).any()
+            or not (high & _HIGH_MARK).all()
+        ):
             batch.note("garbage", message("words-unpaired", count=len(words)))
             return
         count = np.arange(len(low), dtype=np.int64) + (index & 0xFFFFFFFF)
         followed = self._track.follow(count)
         batch.remark(followed.breaks, followed.keep)
         halves = (high & _LOW24) << 24 | (low & _LOW24)
-        position_mm = np.where(halves >= 1 << 47, halves - (1 << 48), halves)[followed.keep] * (_MM * self._settings.sign)
+        position_mm = np.where(halves >= 1 << 47, halves - (1 << 48), halves)[followed.keep] * (
+            _MM * self._settings.sign
+        )
         marker = ((low >> 24 & _MARKER7) | (high >> 24 & _MARKER7) << 7)[followed.keep]
-        wrong = Flag.DEVICE_ERROR if self._state not in (None, _READY) or self._other_source else Flag(0)
+        wrong = (
+            Flag.DEVICE_ERROR
+            if self._state not in (None, _READY) or self._other_source
+            else Flag(0)
+        )
         flags = np.full(len(position_mm), wrong, dtype=np.uint16)
         batch.add(followed.counter, position_mm, flags, channels=marker[:, None].astype(np.float64))
 
 
 class _TelegramBuffer:
-    """Holds the half telegram at the end of a stream; passes over what cannot be the beginning of one."""
+    """Holds the half telegram at the end of a stream; passes over what cannot be the beginning of
+    one."""
 
     def __init__(self) -> None:
         self._held = b""
@@ -167,7 +209,11 @@ class _TelegramBuffer:
         data, at = self._held + chunk, 0
         while len(data) - at >= 8:
             length, opcode = struct.unpack_from("<ii", data, at)
-            if not 16 <= length <= LARGEST_TELEGRAM - 4 or length % 4 or opcode not in (_SET, _GET, _ACK, _TELL):
+            if (
+                not 16 <= length <= LARGEST_TELEGRAM - 4
+                or length % 4
+                or opcode not in (_SET, _GET, _ACK, _TELL)
+            ):
                 yield from self._pass_over(data[at : at + 1])
                 at += 1
                 continue

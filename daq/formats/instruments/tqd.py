@@ -1,4 +1,5 @@
-"""`tqd`: Thorlabs KPA101 and TPA101 quadrant detectors, APT binary protocol, polled (reference: instruments 1.C)."""
+"""`tqd`: Thorlabs KPA101 and TPA101 quadrant detectors, APT binary protocol, polled (reference:
+instruments 1.C)."""
 
 import struct
 from dataclasses import dataclass
@@ -24,15 +25,28 @@ class TqdSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0 < self.poll_hz <= 200, "head.poll_hz", message("number-up-to", most=200), self.poll_hz)
-        require(0 < self.full_sum_v <= 40, "head.full_sum_v", message("number-up-to", most=40), self.full_sum_v)
-        require(0 <= self.beam_threshold < 1, "head.beam_threshold", message("number-below-1"), self.beam_threshold)
+        require(
+            0 < self.poll_hz <= 200, "head.poll_hz", message("number-up-to", most=200), self.poll_hz
+        )
+        require(
+            0 < self.full_sum_v <= 40,
+            "head.full_sum_v",
+            message("number-up-to", most=40),
+            self.full_sum_v,
+        )
+        require(
+            0 <= self.beam_threshold < 1,
+            "head.beam_threshold",
+            message("number-below-1"),
+            self.beam_threshold,
+        )
 
 
 _READINGS_REQUEST = struct.pack("<HBBBB", 0x0871, 0x03, 0x00, 0x50, 0x01)
 """Message 0x0871 with parameter 3 from the host 0x01 to the unit 0x50."""
 _ANSWER_BEGINS = struct.pack("<HHBBH", 0x0872, 12, 0x01 | 0x80, 0x50, 0x03)
-"""Message 0x0872 with 12 bytes of data for the host, of which the first two repeat the parameter."""
+"""Message 0x0872 with 12 bytes of data for the host, of which the first two repeat the
+parameter."""
 _ANSWER_SIZE = 18
 _FULL_SCALE = 32767
 _VOLTS_PER_COUNT = np.array([10.0, 10.0, 20.0]) / _FULL_SCALE
@@ -42,8 +56,9 @@ _VOLTS_PER_COUNT = np.array([10.0, 10.0, 20.0]) / _FULL_SCALE
 class TqdDecoder:
     """Decoder of a quadrant detector (`daq.timing.samples.PolledDecoder`).
 
-    ``channels`` has shape (count, 3): x difference, y difference and sum in volts, with the signs of the wire (the unit is known to
-    send x inverted; the calibration of the head settles it). Positions are NaN. The host numbers the answers.
+    ``channels`` has shape (count, 3): x difference, y difference and sum in volts, with the signs
+    of the wire (the unit is known to send x inverted; the calibration of the head settles it).
+    Positions are NaN. The host numbers the answers.
     """
 
     gaps_visible = False
@@ -78,7 +93,11 @@ class TqdDecoder:
         total = np.ascontiguousarray(frames[:, 12:14]).view("<u2").astype(np.int64)
         channels = np.hstack([differences, total]) * _VOLTS_PER_COUNT
         flags = np.zeros(len(frames), dtype=np.uint16)
-        mark(flags, (np.abs(differences) >= _FULL_SCALE).any(axis=1) | (total[:, 0] == 0xFFFF), Flag.SATURATED)
+        mark(
+            flags,
+            (np.abs(differences) >= _FULL_SCALE).any(axis=1) | (total[:, 0] == 0xFFFF),
+            Flag.SATURATED,
+        )
         beam = np.clip(channels[:, 2] / self._settings.full_sum_v, 0.0, 1.0)
         judge_beam(beam, self._settings.beam_threshold, flags)
         counter = np.arange(self._number, self._number + len(frames), dtype=np.int64)

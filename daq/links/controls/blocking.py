@@ -18,7 +18,11 @@ from typing import Any, TypeVar
 
 from stepdiag.base.errors import system_words
 from stepdiag.base.messages import Message, Words, message
-from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError
+from stepdiag.daq.links.controls.modbus_errors import (
+    LostConnectionError,
+    RefusedRequestError,
+    StaleAnswerError,
+)
 from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import stamp_ns
@@ -49,7 +53,8 @@ class Waiter:
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     async def call(self, work: Callable[[], Result], limit_s: float) -> Result:
-        """Return what ``work`` returns, done in the thread; raises what it raises, TimeoutError after ``limit_s``."""
+        """Return what ``work`` returns, done in the thread; raises what it raises, TimeoutError
+        after ``limit_s``."""
         loop = asyncio.get_running_loop()
         future: asyncio.Future[Result] = loop.create_future()
 
@@ -57,7 +62,13 @@ class Waiter:
             with suppress(RuntimeError):  # the loop has ended meanwhile
                 loop.call_soon_threadsafe(lambda: None if future.done() else settle(outcome))
 
-        self._jobs.put(_Job(work, lambda value: later(future.set_result, value), lambda error: later(future.set_exception, error)))
+        self._jobs.put(
+            _Job(
+                work,
+                lambda value: later(future.set_result, value),
+                lambda error: later(future.set_exception, error),
+            )
+        )
         return await asyncio.wait_for(future, limit_s)
 
     def end(self) -> None:
@@ -82,7 +93,9 @@ class BlockingLink(ABC):
     writing of a word (`_write`).
     """
 
-    def __init__(self, address: str, timeout_s: float, ranges: Sequence[ReadRange], waiter: Waiter) -> None:
+    def __init__(
+        self, address: str, timeout_s: float, ranges: Sequence[ReadRange], waiter: Waiter
+    ) -> None:
         self.lateness = Lateness(numbered=True)
         self.refusals: dict[ReadRange, RefusedRequestError] = {}
         self._address = address
@@ -93,7 +106,8 @@ class BlockingLink(ABC):
     async def read(self) -> ModbusBlock:
         """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
 
-        Raises LostConnectionError or StaleAnswerError, and RefusedRequestError where every range is refused.
+        Raises LostConnectionError or StaleAnswerError, and RefusedRequestError where every range is
+        refused.
         """
         block = await self._within(self._read)
         if self._ranges and len(self.refusals) == len(set(self._ranges)):
@@ -110,7 +124,8 @@ class BlockingLink(ABC):
 
     @abstractmethod
     def _fetch(self, wanted: ReadRange) -> bytes:
-        """Return the bytes of a range, in the thread. Raises RefusedRequestError where the control does not give them."""
+        """Return the bytes of a range, in the thread. Raises RefusedRequestError where the control
+        does not give them."""
 
     @abstractmethod
     def _write(self, table: str, address: int, value: int) -> None:
@@ -129,11 +144,19 @@ class BlockingLink(ABC):
         return self._whole(wanted, data)
 
     def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
-        """Return the bytes of a range. Raises StaleAnswerError where they are not as many as were asked for."""
+        """Return the bytes of a range. Raises StaleAnswerError where they are not as many as were
+        asked for."""
         if len(data) != wanted.byte_count:
             remedy = message("do-made-anew")
-            found = message("found-count-for", count=len(data), table=wanted.table, address=wanted.address)
-            raise StaleAnswerError(self._address, expected=message("expects-bytes", count=wanted.byte_count), found=found, remedy=remedy)
+            found = message(
+                "found-count-for", count=len(data), table=wanted.table, address=wanted.address
+            )
+            raise StaleAnswerError(
+                self._address,
+                expected=message("expects-bytes", count=wanted.byte_count),
+                found=found,
+                remedy=remedy,
+            )
         return data
 
     def _read(self) -> ModbusBlock:
@@ -154,7 +177,8 @@ class BlockingLink(ABC):
 
 
 async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limit_s: float) -> None:
-    """Connect in the thread. Raises what ``connect`` raises, LostConnectionError after ``limit_s``; the thread has then ended."""
+    """Connect in the thread. Raises what ``connect`` raises, LostConnectionError after ``limit_s``;
+    the thread has then ended."""
     try:
         await waiter.call(connect, limit_s)
     except TimeoutError as error:
@@ -168,13 +192,23 @@ async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limi
 def silent(address: str, waited_s: float) -> LostConnectionError:
     """Return the error for an answer that did not come, or not to its end."""
     remedy = message("do-overloaded")
-    return LostConnectionError(address, expected=message("expects-answer", seconds_s=waited_s), found=message("found-half"), remedy=remedy)
+    return LostConnectionError(
+        address,
+        expected=message("expects-answer", seconds_s=waited_s),
+        found=message("found-half"),
+        remedy=remedy,
+    )
 
 
 def not_installed(address: str, extra: str) -> LostConnectionError:
     """Return the error for a library that is missing."""
     found = message("found-no-extra", name=extra)
-    return LostConnectionError(address, expected=message("expects-library"), found=found, remedy=message("do-install", extra=extra))
+    return LostConnectionError(
+        address,
+        expected=message("expects-library"),
+        found=found,
+        remedy=message("do-install", extra=extra),
+    )
 
 
 def hang_up(connection: socket.socket | None) -> None:
@@ -184,7 +218,9 @@ def hang_up(connection: socket.socket | None) -> None:
             connection.shutdown(socket.SHUT_RDWR)
 
 
-def unreachable(error: OSError, waited_s: float, protocol: Words, firewall: Message) -> tuple[Words, Message]:
+def unreachable(
+    error: OSError, waited_s: float, protocol: Words, firewall: Message
+) -> tuple[Words, Message]:
     """Return what was found instead of a connection, and what to do about it."""
     if isinstance(error, socket.gaierror):
         return message("found-no-name"), message("do-plc-host")

@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import Message, message
-from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
+from stepdiag.daq.links.controls.blocking import (
+    CONNECT_S,
+    BlockingLink,
+    Waiter,
+    hang_up,
+    not_installed,
+    opened,
+    silent,
+    unreachable,
+)
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
 from stepdiag.daq.links.ports.device import LARGEST_READ
 from stepdiag.daq.records.events import ReadRange
@@ -48,7 +57,9 @@ class Lsv2Settings:
 class Lsv2Link(BlockingLink):
     """One connection to the control; made by `open_link`, ended by ``close``."""
 
-    def __init__(self, settings: Lsv2Settings, ranges: Sequence[ReadRange], client: "LSV2", waiter: Waiter) -> None:
+    def __init__(
+        self, settings: Lsv2Settings, ranges: Sequence[ReadRange], client: "LSV2", waiter: Waiter
+    ) -> None:
         super().__init__(settings.address, settings.timeout_s, ranges, waiter)
         self._client = client
 
@@ -56,13 +67,20 @@ class Lsv2Link(BlockingLink):
         from pyLSV2.const import MemoryType
         from pyLSV2.err import LSV2InputException
 
-        what = message("reading-memory", count=wanted.count, table=wanted.table, address=wanted.address)
+        what = message(
+            "reading-memory", count=wanted.count, table=wanted.table, address=wanted.address
+        )
         try:
-            values = self._client.read_plc_memory(wanted.address, MemoryType[_MEMORIES[wanted.table]], wanted.count)
+            values = self._client.read_plc_memory(
+                wanted.address, MemoryType[_MEMORIES[wanted.table]], wanted.count
+            )
         except LSV2InputException as error:
             remedy = message("do-memory")
             raise RefusedRequestError(
-                self._address, expected=message("expects-answer-to", what=what), found=str(error), remedy=remedy
+                self._address,
+                expected=message("expects-answer-to", what=what),
+                found=str(error),
+                remedy=remedy,
             ) from error
         except TimeoutError as error:
             raise silent(self._address, self._timeout_s) from error
@@ -73,7 +91,10 @@ class Lsv2Link(BlockingLink):
         if not values:
             remedy = message("do-symbolic")
             raise RefusedRequestError(
-                self._address, expected=message("expects-answer-to", what=what), found=_answer_of(self._client), remedy=remedy
+                self._address,
+                expected=message("expects-answer-to", what=what),
+                found=_answer_of(self._client),
+                remedy=remedy,
             )
         return bytes(int(value) & 0xFF for value in values)
 
@@ -90,7 +111,8 @@ class _Line:
     """The library's socket: an end in the middle of an answer is an end, and an answer is no longer
     than its length field may state.
 
-    (The library asks an ended connection for the rest for ever, and for as much memory at once as the other side names.)
+    (The library asks an ended connection for the rest for ever, and for as much memory at once as
+    the other side names.)
     """
 
     socket: Any
@@ -102,7 +124,8 @@ class _Line:
         return int(self.socket.send(data))
 
     def recv(self, count: int) -> bytes:
-        """Return what there is. Raises ConnectionResetError at the end of the connection, ValueError for an answer without end."""
+        """Return what there is. Raises ConnectionResetError at the end of the connection,
+        ValueError for an answer without end."""
         data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
             raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
@@ -116,7 +139,8 @@ class _Line:
 
 
 async def open_link(settings: Lsv2Settings, ranges: Sequence[ReadRange]) -> Lsv2Link:
-    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError with what was found instead of it."""
+    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError
+    with what was found instead of it."""
     try:
         from pyLSV2 import LSV2
     except ImportError as error:
@@ -153,24 +177,38 @@ def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
         client.connect()
         allowed = client.login(Login.PLCDEBUG)
     except OSError as error:
-        raise _unanswered(settings) if low._is_connected and isinstance(error, TimeoutError) else _no_connection(settings, error) from error  # noqa: SLF001
+        raise (
+            _unanswered(settings)
+            if low._is_connected and isinstance(error, TimeoutError)  # noqa: SLF001
+            else _no_connection(settings, error)
+        ) from error
     except Exception as error:
         raise _senseless(settings.address, error) from error
     if not allowed:
         remedy = message("do-password")
-        raise LostConnectionError(settings.address, expected=message("expects-login"), found=_answer_of(client), remedy=remedy)
+        raise LostConnectionError(
+            settings.address,
+            expected=message("expects-login"),
+            found=_answer_of(client),
+            remedy=remedy,
+        )
     _socket(client).settimeout(settings.timeout_s)
 
 
 def _no_connection(settings: Lsv2Settings, error: OSError) -> DeviceError:
     found, remedy = unreachable(error, CONNECT_S, message("protocol-lsv2"), _FIREWALL)
-    return LostConnectionError(settings.address, expected=message("expects-lsv2"), found=found, remedy=remedy)
+    return LostConnectionError(
+        settings.address, expected=message("expects-lsv2"), found=found, remedy=remedy
+    )
 
 
 def _unanswered(settings: Lsv2Settings) -> DeviceError:
     remedy = message("do-nobody-lsv2")
     return LostConnectionError(
-        settings.address, expected=message("expects-lsv2"), found=message("found-silence-for", seconds_s=CONNECT_S), remedy=remedy
+        settings.address,
+        expected=message("expects-lsv2"),
+        found=message("found-silence-for", seconds_s=CONNECT_S),
+        remedy=remedy,
     )
 
 
@@ -183,7 +221,9 @@ def _senseless(address: str, error: Exception) -> DeviceError:
     """
     remedy = message("do-other-product")
     found = message("found-other-bytes", bytes=f"{type(error).__name__}: {str(error)[:120]}")
-    return LostConnectionError(address, expected=message("expects-lsv2"), found=found, remedy=remedy)
+    return LostConnectionError(
+        address, expected=message("expects-lsv2"), found=found, remedy=remedy
+    )
 
 
 def _answer_of(client: "LSV2") -> Message:
@@ -201,7 +241,8 @@ def _is_of_others(record: logging.LogRecord) -> bool:
 
 
 def _hush() -> None:
-    """Keep what the library logs, partly by the root logger, out of the journal: its errors are reported once by the reconnector."""
+    """Keep what the library logs, partly by the root logger, out of the journal: its errors are
+    reported once by the reconnector."""
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     root = logging.getLogger()

@@ -26,7 +26,8 @@ class MachineLink(Protocol):
     async def read(self) -> ModbusBlock:
         """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
 
-        Raises RefusedRequestError where every range is refused, another DeviceError where the control does not answer.
+        Raises RefusedRequestError where every range is refused, another DeviceError where the
+        control does not answer.
         """
         ...
 

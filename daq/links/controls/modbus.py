@@ -38,7 +38,9 @@ from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import stamp_ns
 
-logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, reported once by the reconnector
+logging.getLogger("pymodbus.logging").setLevel(
+    logging.CRITICAL
+)  # what it reports comes back as errors, reported once by the reconnector
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0
@@ -77,7 +79,8 @@ class TcpSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RtuSettings:
-    """A Modbus slave on a serial line; ``port`` may be ``socket://host:port``, a terminal server's."""
+    """A Modbus slave on a serial line; ``port`` may be ``socket://host:port``, a terminal
+    server's."""
 
     port: str
     baud: int = 19200
@@ -105,7 +108,13 @@ class ModbusLink:
     step before the next request.
     """
 
-    def __init__(self, settings: ModbusSettings, ranges: Sequence[ReadRange], client: Client, lateness: Lateness) -> None:
+    def __init__(
+        self,
+        settings: ModbusSettings,
+        ranges: Sequence[ReadRange],
+        client: Client,
+        lateness: Lateness,
+    ) -> None:
         self.lateness = lateness
         self._settings = settings
         self._ranges = tuple(ranges)
@@ -119,7 +128,8 @@ class ModbusLink:
     async def read(self) -> ModbusBlock:
         """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
 
-        Raises SilentDeviceError, StaleAnswerError or LostConnectionError, and RefusedRequestError where every range is refused.
+        Raises SilentDeviceError, StaleAnswerError or LostConnectionError, and RefusedRequestError
+        where every range is refused.
         """
         async with self._turn:
             await self._get_in_step()
@@ -132,16 +142,25 @@ class ModbusLink:
         return ModbusBlock(send_ns, recv_ns, self._ranges, data)
 
     async def write_word(self, table: str, address: int, value: int) -> None:  # noqa: ARG002 - a control takes words in holding registers alone
-        """Write the low 16 bits of ``value`` into a holding register, by function code 10h, which every control that can be written serves.
+        """Write the low 16 bits of ``value`` into a holding register, by function code 10h, which
+        every control that can be written serves.
 
         Raises as ``read`` does.
         """
         async with self._turn:
             await self._get_in_step()
-            answer = await self._exchange(lambda: self._client.write_registers(address, [value % 65536], device_id=self._settings.unit))
+            answer = await self._exchange(
+                lambda: self._client.write_registers(
+                    address, [value % 65536], device_id=self._settings.unit
+                )
+            )
             if answer.isError():
                 self._in_step = True
-                raise refusal(self._settings.address, message("writing-register", address=address), answer.exception_code)
+                raise refusal(
+                    self._settings.address,
+                    message("writing-register", address=address),
+                    answer.exception_code,
+                )
             if answer.function_code != _WRITE_REGISTERS:
                 raise stale(self._settings.address, self.lateness.words)
             self._in_step = True
@@ -154,7 +173,9 @@ class ModbusLink:
         answer = await self._read_range(wanted)
         if answer.isError():
             self._in_step = True
-            what = message("reading-table", count=wanted.count, table=wanted.table, address=wanted.address)
+            what = message(
+                "reading-table", count=wanted.count, table=wanted.table, address=wanted.address
+            )
             self.refusals[wanted] = refusal(self._settings.address, what, answer.exception_code)
             return b""
         data = _wire_bytes(wanted, answer)
@@ -165,7 +186,9 @@ class ModbusLink:
 
     async def _read_range(self, wanted: ReadRange) -> ModbusPDU:
         read = getattr(self._client, _READS[wanted.table][0])
-        return await self._exchange(lambda: read(wanted.address, count=wanted.count, device_id=self._settings.unit))
+        return await self._exchange(
+            lambda: read(wanted.address, count=wanted.count, device_id=self._settings.unit)
+        )
 
     async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
         """Ask and await the answer. The caller checks the answer; until then, and after a
@@ -178,7 +201,12 @@ class ModbusLink:
             self.lateness.given_up()
             if self._client.connected:
                 serial = isinstance(self._settings, RtuSettings)
-                raise silence(self._settings.address, self._settings.timeout_s, serial=serial, late=self.lateness.words) from error
+                raise silence(
+                    self._settings.address,
+                    self._settings.timeout_s,
+                    serial=serial,
+                    late=self.lateness.words,
+                ) from error
             raise lost(self._settings.address) from error
         self.lateness.answered()
         return answer
@@ -186,8 +214,9 @@ class ModbusLink:
     async def _get_in_step(self) -> None:
         """Make sure that the next answer belongs to the next request.
 
-        Late answers are waited for and fall on deaf ears. Then a read whose answer has another length than any range must be answered
-        with that length: a slave answers in order, so nothing older can come after it. An exception answers it as well.
+        Late answers are waited for and fall on deaf ears. Then a read whose answer has another
+        length than any range must be answered with that length: a slave answers in order, so
+        nothing older can come after it. An exception answers it as well.
         """
         for _ in range(_ATTEMPTS_TO_GET_IN_STEP):
             if self._in_step:
@@ -231,10 +260,15 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
         asking = Waiter("modbus again", lambda: None, lambda: None)
         try:
             place = (settings.host, settings.port)
-            await asking.call(lambda: socket.create_connection(place, settings.connect_s).close(), 2.0 * settings.connect_s)
+            await asking.call(
+                lambda: socket.create_connection(place, settings.connect_s).close(),
+                2.0 * settings.connect_s,
+            )
         except OSError as error:
             found, remedy = no_way(error, settings.connect_s, "Modbus TCP", _FIREWALL)
-            return LostConnectionError(settings.address, expected=message("expects-connection"), found=found, remedy=remedy)
+            return LostConnectionError(
+                settings.address, expected=message("expects-connection"), found=found, remedy=remedy
+            )
         finally:
             asking.end()
     return unreachable(settings.address, settings.connect_s)
@@ -251,12 +285,22 @@ def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
     """Return a client that neither retries nor reconnects by itself: the reconnector does."""
     if isinstance(settings, TcpSettings):
         return AsyncModbusTcpClient(
-            settings.host, port=settings.port, timeout=settings.connect_s, retries=0, reconnect_delay=0, trace_packet=lateness.trace
+            settings.host,
+            port=settings.port,
+            timeout=settings.connect_s,
+            retries=0,
+            reconnect_delay=0,
+            trace_packet=lateness.trace,
         )
     line = network_line(settings.port)
     if line is not None:
         return AsyncModbusTcpClient(
-            line.host, port=line.port, framer=FramerType.RTU, timeout=settings.connect_s, retries=0, reconnect_delay=0
+            line.host,
+            port=line.port,
+            framer=FramerType.RTU,
+            timeout=settings.connect_s,
+            retries=0,
+            reconnect_delay=0,
         )
     return AsyncModbusSerialClient(
         settings.port,
@@ -271,7 +315,8 @@ def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
 
 
 def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
-    """Return the data of an answer as they were on the wire; None where it cannot be the answer to ``wanted``."""
+    """Return the data of an answer as they were on the wire; None where it cannot be the answer to
+    ``wanted``."""
     if answer.function_code != _READS[wanted.table][1]:
         return None
     if wanted.table in ("coil", "discrete"):
@@ -287,5 +332,7 @@ def _probe(ranges: Sequence[ReadRange]) -> ReadRange:
     first = ranges[0] if ranges else ReadRange("holding", 0, 1)
     lengths = {wanted.byte_count for wanted in ranges}
     unit = 8 if first.table in ("coil", "discrete") else 1
-    candidates = (ReadRange(first.table, first.address, 1 + unit * more) for more in range(len(lengths) + 1))
+    candidates = (
+        ReadRange(first.table, first.address, 1 + unit * more) for more in range(len(lengths) + 1)
+    )
     return next(probe for probe in candidates if probe.byte_count not in lengths)

@@ -44,13 +44,22 @@ _GATEWAY_CODES = {10: message("mb-gateway-path"), 11: message("mb-gateway-target
 
 
 def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
-    """Return the error for exception reply ``code`` to ``what`` (``reading 10 of table holding from 0``)."""
+    """Return the error for exception reply ``code`` to ``what`` (``reading 10 of table holding from
+    0``)."""
     if code in _GATEWAY_CODES:
         found = message("modbus-exception", code=code, what=_GATEWAY_CODES[code])
-        return WrongUnitError(device, expected=message("expects-answer-to", what=what), found=found, remedy=message("do-unit"))
+        return WrongUnitError(
+            device,
+            expected=message("expects-answer-to", what=what),
+            found=found,
+            remedy=message("do-unit"),
+        )
     name, remedy = _REFUSALS.get(code, (message("mb-unknown"), message("do-manual")))
     return RefusedRequestError(
-        device, expected=message("expects-answer-to", what=what), found=message("modbus-exception", code=code, what=name), remedy=remedy
+        device,
+        expected=message("expects-answer-to", what=what),
+        found=message("modbus-exception", code=code, what=name),
+        remedy=remedy,
     )
 
 
@@ -59,28 +68,49 @@ def silence(device: str, timeout_s: float, *, serial: bool, late: Words = "") ->
     time.
     """
     if late:
-        return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("none-yet"), remedy=late)
+        return SilentDeviceError(
+            device,
+            expected=message("expects-answer", seconds_s=timeout_s),
+            found=message("none-yet"),
+            remedy=late,
+        )
     check = message("do-serial-unit") if serial else message("do-program-runs")
-    return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("silence"), remedy=check)
+    return SilentDeviceError(
+        device,
+        expected=message("expects-answer", seconds_s=timeout_s),
+        found=message("silence"),
+        remedy=check,
+    )
 
 
 def unreachable(device: str, timeout_s: float) -> LostConnectionError:
     """Return the error for a connection that could not be made."""
     remedy = message("do-device-on")
     return LostConnectionError(
-        device, expected=message("expects-connection-s", seconds_s=timeout_s), found=message("nobody-there"), remedy=remedy
+        device,
+        expected=message("expects-connection-s", seconds_s=timeout_s),
+        found=message("nobody-there"),
+        remedy=remedy,
     )
 
 
 def unusable(device: str, why: Words) -> LostConnectionError:
-    """Return the error for a port that is there but does not take the line's settings (baud rate, parity)."""
+    """Return the error for a port that is there but does not take the line's settings (baud rate,
+    parity)."""
     remedy = message("do-baud-parity")
-    return LostConnectionError(device, expected=message("expects-port-settings"), found=why, remedy=remedy)
+    return LostConnectionError(
+        device, expected=message("expects-port-settings"), found=why, remedy=remedy
+    )
 
 
 def lost(device: str) -> LostConnectionError:
     """Return the error for a connection that ended."""
-    return LostConnectionError(device, expected=message("expects-lasting"), found=message("found-ended"), remedy=message("do-itself"))
+    return LostConnectionError(
+        device,
+        expected=message("expects-lasting"),
+        found=message("found-ended"),
+        remedy=message("do-itself"),
+    )
 
 
 def stale(device: str, late: Words = "") -> StaleAnswerError:
@@ -88,4 +118,9 @@ def stale(device: str, late: Words = "") -> StaleAnswerError:
     answers.
     """
     remedy = late or message("do-timeout")
-    return StaleAnswerError(device, expected=message("expects-this-answer"), found=message("found-earlier"), remedy=remedy)
+    return StaleAnswerError(
+        device,
+        expected=message("expects-this-answer"),
+        found=message("found-earlier"),
+        remedy=remedy,
+    )

@@ -7,7 +7,11 @@ import structlog
 
 from stepdiag.base.messages import Words, joined
 from stepdiag.daq.links.controls.machine import MachineLink, MachineSettings, open_machine
-from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
+from stepdiag.daq.links.controls.modbus_errors import (
+    RefusedRequestError,
+    SilentDeviceError,
+    StaleAnswerError,
+)
 from stepdiag.daq.links.reconnect import Report, raise_if_cancelled
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 
@@ -16,7 +20,8 @@ _log = structlog.get_logger(__name__)
 SILENT_POLLS_TO_RECONNECT = 3
 LATER = 1.5
 REFUSED_WAIT_S = 1.0
-"""A device that refuses everything is asked again at this pace: its program may still be starting."""
+"""A device that refuses everything is asked again at this pace: its program may still be
+starting."""
 
 
 class MachinePoller:
@@ -45,7 +50,8 @@ class MachinePoller:
         self._late_s = 0.0
 
     async def session(self, report: Report) -> None:
-        """Connect and poll until the device is lost or silent three times in a row. Raises DeviceError."""
+        """Connect and poll until the device is lost or silent three times in a row. Raises
+        DeviceError."""
         link = await open_machine(self._settings, self._ranges)
         try:
             await self._poll(link, report)
@@ -53,7 +59,8 @@ class MachinePoller:
             link.close()
 
     def write_soon(self, table: str, address: int, value: int) -> None:
-        """Write one word at once, or as soon as there is a connection and no poll is under way; the latest value wins."""
+        """Write one word at once, or as soon as there is a connection and no poll is under way; the
+        latest value wins."""
         self._pending = (table, address, value)
         _end(self._rest)
 
@@ -86,7 +93,11 @@ class MachinePoller:
         """
         if link.lateness.after_s > LATER * self._late_s:
             self._late_s = link.lateness.after_s
-            _log.warning("answers-late", link="machine", detail=f"{self._settings.address}: {link.lateness.words}")
+            _log.warning(
+                "answers-late",
+                link="machine",
+                detail=f"{self._settings.address}: {link.lateness.words}",
+            )
 
     async def _until(self, due: float, link: MachineLink) -> None:
         """Sleep until a poll is due; write meanwhile what is wanted."""
@@ -131,4 +142,10 @@ def _describe(link: MachineLink, settings: MachineSettings) -> Words:
     late = link.lateness.words
     if not (late or link.refusals):
         return settings.address
-    return joined([settings.address, *(error.message for error in link.refusals.values()), *([late] if late else [])])
+    return joined(
+        [
+            settings.address,
+            *(error.message for error in link.refusals.values()),
+            *([late] if late else []),
+        ]
+    )

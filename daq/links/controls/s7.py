@@ -1,4 +1,5 @@
-"""Siemens controls over S7 communication (ISO on TCP, port 102): the only user of python-snap7 (extra ``stepdiag[s7]``).
+"""Siemens controls over S7 communication (ISO on TCP, port 102): the only user of python-snap7
+(extra ``stepdiag[s7]``).
 
 All ranges are asked for in one telegram, so a block holds the values of one moment of the control's
 cycle. Nothing is retried inside the library: after a missing answer the connection is given up, and
@@ -15,15 +16,31 @@ from typing import TYPE_CHECKING, TypeVar
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import Message, message
-from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
-from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
+from stepdiag.daq.links.controls.blocking import (
+    CONNECT_S,
+    BlockingLink,
+    Waiter,
+    hang_up,
+    not_installed,
+    opened,
+    silent,
+    unreachable,
+)
+from stepdiag.daq.links.controls.modbus_errors import (
+    LostConnectionError,
+    RefusedRequestError,
+    StaleAnswerError,
+    lost,
+)
 from stepdiag.daq.records.events import ReadRange
 
 if TYPE_CHECKING:
     from snap7.client import Client
     from snap7.error import S7Error
 
-logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes back as errors, reported once by the reconnector
+logging.getLogger("snap7").setLevel(
+    logging.CRITICAL
+)  # what it reports comes back as errors, reported once by the reconnector
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
@@ -94,12 +111,23 @@ class S7Link(BlockingLink):
         """Return the bytes of ranges as they were at one moment."""
         from snap7.type import Area
 
-        items = [{"area": Area.DB, "db_number": int(each.table[2:]), "start": each.address, "size": each.count} for each in wanted]
+        items = [
+            {
+                "area": Area.DB,
+                "db_number": int(each.table[2:]),
+                "start": each.address,
+                "size": each.count,
+            }
+            for each in wanted
+        ]
         answers = self._ask(message("reading-all"), lambda: self._client.read_multi_vars(items)[1])
-        return {each: self._whole(each, bytes(data)) for each, data in zip(wanted, answers, strict=True)}
+        return {
+            each: self._whole(each, bytes(data)) for each, data in zip(wanted, answers, strict=True)
+        }
 
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
-        """Find out which ranges are refused: nothing of this poll is of one moment. Raises the refusal that none of them explains."""
+        """Find out which ranges are refused: nothing of this poll is of one moment. Raises the
+        refusal that none of them explains."""
         data = super()._fetch_all()
         self._refused, self._again_s = dict(self.refusals), self._clock() + self._wait_s
         self._wait_s = min(2 * self._wait_s, AGAIN_LONGEST_S) if self._refused else AGAIN_FIRST_S
@@ -108,12 +136,22 @@ class S7Link(BlockingLink):
         return data
 
     def _fetch(self, wanted: ReadRange) -> bytes:
-        what = message("reading-bytes", count=wanted.count, table=wanted.table, address=wanted.address)
-        return bytes(self._ask(what, lambda: self._client.db_read(int(wanted.table[2:]), wanted.address, wanted.count)))
+        what = message(
+            "reading-bytes", count=wanted.count, table=wanted.table, address=wanted.address
+        )
+        return bytes(
+            self._ask(
+                what,
+                lambda: self._client.db_read(int(wanted.table[2:]), wanted.address, wanted.count),
+            )
+        )
 
     def _write(self, table: str, address: int, value: int) -> None:
         data = bytearray(struct.pack(">H", value))
-        self._ask(message("writing-word", table=table, address=address), lambda: self._client.db_write(int(table[2:]), address, data))
+        self._ask(
+            message("writing-word", table=table, address=address),
+            lambda: self._client.db_write(int(table[2:]), address, data),
+        )
 
     def _ask(self, what: Message, work: Callable[[], Result]) -> Result:
         """Do it, and raise what the library raises with a message."""
@@ -128,7 +166,8 @@ class S7Link(BlockingLink):
 
 
 async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link:
-    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError with what was found instead of it."""
+    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError
+    with what was found instead of it."""
     try:
         from snap7.client import Client
     except ImportError as error:
@@ -162,23 +201,35 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
         found, remedy = unreachable(error.__context__, CONNECT_S, message("protocol-s7"), _FIREWALL)
-        return LostConnectionError(settings.address, expected=message("expects-connection"), found=found, remedy=remedy)
+        return LostConnectionError(
+            settings.address, expected=message("expects-connection"), found=found, remedy=remedy
+        )
     if _OTHER.search(str(error)):
         found, remedy = message("found-other-bytes", bytes=str(error)), message("do-other-product")
     elif isinstance(error, S7TimeoutError):
         found, remedy = message("found-silence-for", seconds_s=CONNECT_S), message("do-nobody-s7")
     else:
         refusal, rack = message("found-refusal", what=str(error)), message("do-rack")
-        return LostConnectionError(settings.address, expected=message("expects-s7"), found=refusal, remedy=rack)
-    return LostConnectionError(settings.address, expected=message("expects-s7"), found=found, remedy=remedy)
+        return LostConnectionError(
+            settings.address, expected=message("expects-s7"), found=refusal, remedy=rack
+        )
+    return LostConnectionError(
+        settings.address, expected=message("expects-s7"), found=found, remedy=remedy
+    )
 
 
 def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
-    """Return what went wrong with a request: a refusal by the control, bytes that make no sense, or the end of the connection."""
+    """Return what went wrong with a request: a refusal by the control, bytes that make no sense, or
+    the end of the connection."""
     refused = _REFUSED.search(str(error))
     if refused is not None:
         remedy = _REMEDIES.get(refused["code"], message("do-manual"))
-        return RefusedRequestError(address, expected=message("expects-answer-to", what=what), found=refused["words"].lower(), remedy=remedy)
+        return RefusedRequestError(
+            address,
+            expected=message("expects-answer-to", what=what),
+            found=refused["words"].lower(),
+            remedy=remedy,
+        )
     if getattr(error, "error_code", None) is not None:
         asked, protected = message("expects-answer-to", what=what), message("do-protected")
         return RefusedRequestError(address, expected=asked, found=str(error), remedy=protected)
@@ -187,4 +238,6 @@ def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
     if isinstance(error, S7ConnectionError | OSError) and not _OTHER.search(str(error)):
         return lost(address)
     between = message("do-other-or-between")
-    return StaleAnswerError(address, expected=message("expects-answer-to", what=what), found=str(error), remedy=between)
+    return StaleAnswerError(
+        address, expected=message("expects-answer-to", what=what), found=str(error), remedy=between
+    )

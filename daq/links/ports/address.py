@@ -1,8 +1,9 @@
-"""Ports by name: a serial port of this computer, or a line that another computer or a terminal server holds out on the network.
+"""Ports by name: a serial port of this computer, or a line that another computer or a terminal
+server holds out on the network.
 
-/dev/serial/by-id/...       a port of this computer
-socket://host:port          the bytes of the line over TCP, as they are; its baud rate is set at the terminal server
-rfc2217://host:port         the same, with baud rate, parity and handshake lines set from here (RFC 2217)
+/dev/serial/by-id/...       a port of this computer socket://host:port          the bytes of the
+line over TCP, as they are; its baud rate is set at the terminal server rfc2217://host:port
+the same, with baud rate, parity and handshake lines set from here (RFC 2217)
 """
 
 import re
@@ -13,7 +14,10 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 
 _SCHEME = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<rest>.*)\Z", re.DOTALL)
-_PLACE = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%a-z]+)\]|(?P<host>[A-Za-z0-9][A-Za-z0-9._-]{0,252}))(?::(?P<port>[0-9]{1,5}))?\Z")
+_PLACE = re.compile(
+    r"(?:\[(?P<six>[0-9A-Fa-f:.%a-z]+)\]|(?P<host>[A-Za-z0-9][A-Za-z0-9._-]{0,252}))(?::(?P<port>"
+    r"[0-9]{1,5}))?\Z"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +39,31 @@ def network_line(name: str, field: str = "port") -> NetworkLine | None:
         return None
     scheme, place = found["scheme"].lower(), host_and_port(found["rest"].removesuffix("/"))
     if scheme not in ("socket", "rfc2217") or place is None:
-        raise UsageError(field, expected=message("expects-port"), found=repr(name), remedy=message("do-host-then-port"))
+        raise UsageError(
+            field,
+            expected=message("expects-port"),
+            found=repr(name),
+            remedy=message("do-host-then-port"),
+        )
     return NetworkLine("socket" if scheme == "socket" else "rfc2217", *place)
 
 
 def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
-    """Return host and port of HOST:PORT or [ADDRESS]:PORT, the port left out where there is a usual one; None for anything else."""
+    """Return host and port of HOST:PORT or [ADDRESS]:PORT, the port left out where there is a usual
+    one; None for anything else."""
     place = _PLACE.match(text)
     if place is None:
         return None
-    port, host = usual_port if place["port"] is None else int(place["port"]), place["six"] or place["host"]
+    port, host = (
+        usual_port if place["port"] is None else int(place["port"]),
+        place["six"] or place["host"],
+    )
     return (host, port) if 0 < port < 65536 and can_be_host(host) else None
 
 
 def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str, int]:
-    """Return host and port as `host_and_port` reads them. Raises UsageError that names ``option`` for anything else."""
+    """Return host and port as `host_and_port` reads them. Raises UsageError that names ``option``
+    for anything else."""
     found = host_and_port(text, usual_port)
     if found is None:
         raise UsageError(option, expected=message("host-forms"), found=repr(text))
@@ -57,7 +71,8 @@ def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str,
 
 
 def can_be_host(name: str) -> bool:
-    """Return whether a name can be looked up at all: every part of it between two dots has 1 to 63 letters.
+    """Return whether a name can be looked up at all: every part of it between two dots has 1 to 63
+    letters.
 
     Python refuses others while looking them up, with an error that is none of the network's.
     """

@@ -35,14 +35,16 @@ class Device(Protocol):
     detail: Message
     """The line in words, shown to the operator when the line is open."""
     low_latency: bool
-    """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on them."""
+    """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on
+    them."""
 
     def fileno(self) -> int:
         """Return the descriptor on which poll(2) waits for bytes."""
         ...
 
     def read(self, *, ready: bool) -> bytes:
-        """Return what there is; nothing where nothing came within `BUSY_WAIT_S`, or what came was no data of the line.
+        """Return what there is; nothing where nothing came within `BUSY_WAIT_S`, or what came was
+        no data of the line.
 
         ``ready`` is what poll(2) returned. Raises OSError where the line is gone.
         """

@@ -17,7 +17,13 @@ import time
 from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.ports.address import NetworkLine
-from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, LossKind, SerialSettings
+from stepdiag.daq.links.ports.device import (
+    BUSY_WAIT_S,
+    LARGEST_READ,
+    Device,
+    LossKind,
+    SerialSettings,
+)
 from stepdiag.daq.links.ports.rfc2217 import ComPort
 
 CONNECT_S = 3.0
@@ -47,7 +53,9 @@ def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
         return _agreed(settings, connection)
     except OSError as error:
         connection.close()
-        raise _no_rfc2217(settings.port, message("found-connection-ended", why=system_words(error))) from error
+        raise _no_rfc2217(
+            settings.port, message("found-connection-ended", why=system_words(error))
+        ) from error
     except DeviceError:
         connection.close()
         raise
@@ -62,7 +70,9 @@ class NetworkPort:
         self.detail = message("port-connected", port=name)
         self._connection = connection
         connection.settimeout(None)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(BUSY_WAIT_S * 1e6)))
+        connection.setsockopt(
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(BUSY_WAIT_S * 1e6))
+        )
 
     def fileno(self) -> int:
         """Return the descriptor of the connection."""
@@ -154,7 +164,10 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
         if codec.refused:
             remedy = message("do-terminal-server")
             raise DeviceError(
-                message("where-port", name=settings.port), expected=message("expects-line-settings"), found=codec.refused, remedy=remedy
+                message("where-port", name=settings.port),
+                expected=message("expects-line-settings"),
+                found=codec.refused,
+                remedy=remedy,
             )
     return Rfc2217Port(settings.port, connection, codec)
 
@@ -163,22 +176,38 @@ def _heard(codec: ComPort, other: bytes) -> Message:
     """Return what came instead of an agreement."""
     if codec.speaks:
         return message("found-no-agreement", seconds_s=AGREE_S)
-    return message("found-other-bytes", bytes=f"{other.hex(' ')} ...") if other else message("found-silence-for", seconds_s=AGREE_S)
+    return (
+        message("found-other-bytes", bytes=f"{other.hex(' ')} ...")
+        if other
+        else message("found-silence-for", seconds_s=AGREE_S)
+    )
 
 
 def _no_rfc2217(name: str, found: Words) -> DeviceError:
     remedy = message("do-socket")
-    return DeviceError(message("where-port", name=name), expected=message("expects-rfc2217"), found=found, remedy=remedy)
+    return DeviceError(
+        message("where-port", name=name),
+        expected=message("expects-rfc2217"),
+        found=found,
+        remedy=remedy,
+    )
 
 
 def _refusal(name: str, error: OSError) -> DeviceError:
     if isinstance(error, socket.gaierror):
         remedy = message("do-host-name")
         return DeviceError(
-            message("where-port", name=name), expected=message("expects-host"), found=message("found-no-name"), remedy=remedy
+            message("where-port", name=name),
+            expected=message("expects-host"),
+            found=message("found-no-name"),
+            remedy=remedy,
         )
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0
-    found = message("found-silence-for", seconds_s=CONNECT_S) if code == errno.ETIMEDOUT else system_words(code or error)
+    found = (
+        message("found-silence-for", seconds_s=CONNECT_S)
+        if code == errno.ETIMEDOUT
+        else system_words(code or error)
+    )
     return DeviceError(
         message("where-port", name=name),
         expected=message("expects-connection"),

@@ -130,5 +130,8 @@ def _open(settings: SerialSettings) -> Device:
 def _loss(name: str, why: Words) -> DeviceError:
     remedy = message("do-reconnects")
     return DeviceError(
-        message("where-port", name=name), expected=message("expects-stays"), found=message("found-gone", why=why), remedy=remedy
+        message("where-port", name=name),
+        expected=message("expects-stays"),
+        found=message("found-gone", why=why),
+        remedy=remedy,
     )

@@ -35,11 +35,16 @@ class Losses:
         self._rests_until_s = 0.0
 
     def news(self, counted: Mapping[LossKind, int], now_s: float) -> tuple[Message, ...]:
-        """Return what was lost since this last returned something: the first at once, then at most every `EVERY_S`.
+        """Return what was lost since this last returned something: the first at once, then at most
+        every `EVERY_S`.
 
         ``counted`` holds how often each kind of loss came since the line was opened.
         """
-        more = {kind: count - self._reported.get(kind, 0) for kind, count in counted.items() if count > self._reported.get(kind, 0)}
+        more = {
+            kind: count - self._reported.get(kind, 0)
+            for kind, count in counted.items()
+            if count > self._reported.get(kind, 0)
+        }
         if not more or now_s < self._rests_until_s:
             return ()
         self._reported |= counted
@@ -66,7 +71,9 @@ class PortThread:
         """Run the thread until it ends; report an open line, a silent line, and new bytes. Raises
         what ended the thread.
         """
-        thread = threading.Thread(target=self._main, name=f"serial {self._settings.port}", daemon=True)
+        thread = threading.Thread(
+            target=self._main, name=f"serial {self._settings.port}", daemon=True
+        )
         thread.start()
         try:
             either: set[asyncio.Future[Any]] = {self._opened, self._ended}

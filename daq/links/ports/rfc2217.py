@@ -1,7 +1,9 @@
-"""RFC 2217, the com port option of Telnet: a serial line of a terminal server with its settings. Bytes in, bytes out; no socket here.
+"""RFC 2217, the com port option of Telnet: a serial line of a terminal server with its settings.
+Bytes in, bytes out; no socket here.
 
-Telnet commands are IAC (255) and more; IAC IAC is one byte 255 of data (RFC 854). The line is data both ways, so both sides are
-asked for binary transmission (RFC 856); option 44 carries the settings, each answered by the value that holds (RFC 2217, 3).
+Telnet commands are IAC (255) and more; IAC IAC is one byte 255 of data (RFC 854). The line is data
+both ways, so both sides are asked for binary transmission (RFC 856); option 44 carries the
+settings, each answered by the value that holds (RFC 2217, 3).
 """
 
 import struct
@@ -54,11 +56,15 @@ class ComPort:
     def agreed(self) -> Message:
         """Return the settings in words."""
         line = self._settings
-        return message("line-agreed", baud=line.baud, frame=f"{line.bytesize}{line.parity}{line.stopbits}")
+        return message(
+            "line-agreed", baud=line.baud, frame=f"{line.bytesize}{line.parity}{line.stopbits}"
+        )
 
     def opening(self) -> bytes:
         """Return the first bytes to send."""
-        return b"".join(bytes((_IAC, _WILL, option)) for option in _OURS) + b"".join(bytes((_IAC, _DO, option)) for option in _THEIRS)
+        return b"".join(bytes((_IAC, _WILL, option)) for option in _OURS) + b"".join(
+            bytes((_IAC, _DO, option)) for option in _THEIRS
+        )
 
     def answers(self) -> bytes:
         """Return the answer to what was received; once."""
@@ -136,8 +142,13 @@ class ComPort:
             _STOP: bytes((line.stopbits,)),
         }
         control = (_NO_FLOW_CONTROL, _DTR[line.dtr], _RTS[line.rts])
-        for command, value in (*self._asked.items(), *((_CONTROL, bytes((value,))) for value in control)):
-            self._answers += bytes((_IAC, _SB, _COM_PORT, command)) + self.escaped(value) + bytes((_IAC, _SE))
+        for command, value in (
+            *self._asked.items(),
+            *((_CONTROL, bytes((value,))) for value in control),
+        ):
+            self._answers += (
+                bytes((_IAC, _SB, _COM_PORT, command)) + self.escaped(value) + bytes((_IAC, _SE))
+            )
 
     def _heed(self, command: bytes) -> None:
         """Take the answer to a setting."""

@@ -15,7 +15,13 @@ from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.ports.port_thread import PortThread
 from stepdiag.daq.links.reconnect import Report
 from stepdiag.daq.timing.host_clock import stamp_ns
-from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder, RespondingDecoder
+from stepdiag.daq.timing.samples import (
+    AskingDecoder,
+    Decoder,
+    GreetingDecoder,
+    PolledDecoder,
+    RespondingDecoder,
+)
 
 ANSWER_TIMEOUT_S = 0.5
 """Longest time in s for the first byte of an answer of a polled instrument."""
@@ -28,7 +34,8 @@ GATHER_S = 0.02
 second would cost an eighth of a core.
 """
 LARGEST_CHUNK = 16_384
-"""Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a second."""
+"""Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a
+second."""
 BUSY_BYTES_PER_S = 100_000
 """Above this rate the reader neither sleeps while gathering nor asks for waiting bytes: a pty holds
 4 KiB.
@@ -43,17 +50,24 @@ _READ_S = 0.02
 Respond = Callable[[bytes], bytes]
 """Takes received bytes, returns the answer to them; empty for no answer."""
 OnChunk = Callable[[bytes, int], None]
-"""Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
+"""Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the
+reading thread; an exception ends it."""
 
 
 class SerialStream:
     """A line whose instrument sends by itself; ``session`` is what a Reconnector runs.
 
-    A chunk is what came within twenty milliseconds; its stamp is that of its last byte, which had just arrived.
+    A chunk is what came within twenty milliseconds; its stamp is that of its last byte, which had
+    just arrived.
     """
 
     def __init__(
-        self, settings: SerialSettings, on_chunk: OnChunk, *, greeting: bytes = b"", responder: Callable[[], Respond] | None = None
+        self,
+        settings: SerialSettings,
+        on_chunk: OnChunk,
+        *,
+        greeting: bytes = b"",
+        responder: Callable[[], Respond] | None = None,
     ) -> None:
         """``greeting`` is sent whenever the line has been opened, to make the instrument send;
         ``responder`` makes what answers it.
@@ -91,10 +105,12 @@ class SerialStream:
 
 
 class PolledSerial:
-    """A line whose instrument answers requests; every byte of an answer is stamped with the middle between request and answer.
+    """A line whose instrument answers requests; every byte of an answer is stamped with the middle
+    between request and answer.
 
-    An answer that comes too late would be taken for the answer to the next request: after a timeout the line must be silent for as
-    long again before the next request, and what comes until then is thrown away.
+    An answer that comes too late would be taken for the answer to the next request: after a timeout
+    the line must be silent for as long again before the next request, and what comes until then is
+    thrown away.
     """
 
     def __init__(
@@ -107,7 +123,8 @@ class PolledSerial:
         others: Sequence[tuple[bytes, float]] = (),
         greeting: bytes = b"",
     ) -> None:
-        """``others`` are asked for too, each (request, interval in s) when due; ``greeting`` is sent when the line has been opened."""
+        """``others`` are asked for too, each (request, interval in s) when due; ``greeting`` is
+        sent when the line has been opened."""
         self._settings = settings
         self._on_chunk = on_chunk
         self._request = request
@@ -151,7 +168,9 @@ class PolledSerial:
         return answered
 
 
-def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk) -> SerialStream | PolledSerial:
+def instrument_line(
+    settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk
+) -> SerialStream | PolledSerial:
     """Return the line of an instrument read by ``decoder``: whether it is polled, and its
     greeting.
     """
@@ -160,7 +179,14 @@ def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChun
         responder = decoder.responder if isinstance(decoder, RespondingDecoder) else None
         return SerialStream(settings, on_chunk, greeting=greeting, responder=responder)
     others = decoder.others if isinstance(decoder, AskingDecoder) else ()
-    return PolledSerial(settings, on_chunk, request=decoder.request, interval_s=decoder.poll_interval_s, others=others, greeting=greeting)
+    return PolledSerial(
+        settings,
+        on_chunk,
+        request=decoder.request,
+        interval_s=decoder.poll_interval_s,
+        others=others,
+        greeting=greeting,
+    )
 
 
 class _Pace:
@@ -199,7 +225,8 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
 
 
 def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
-    """Return what a read gives; nothing where the line is lost and there are bytes to hand over first."""
+    """Return what a read gives; nothing where the line is lost and there are bytes to hand over
+    first."""
     try:
         return port.read_on() if busy else port.read(_READ_S)
     except DeviceError:
@@ -216,7 +243,8 @@ def _await_silence(port: OpenPort) -> None:
     while port.wanted and (data := port.read(ANSWER_TIMEOUT_S)):
         if time.monotonic() > until_s:
             raise DeviceError(
-                message("where-port", name=port.name), expected=message("falls-silent"),
+                message("where-port", name=port.name),
+                expected=message("falls-silent"),
                 found=message("speaks-on", bytes=data[:12].hex(" ")),
                 remedy=message("other-stands-there"),
-            )  # fmt: skip
+            )

@@ -30,22 +30,35 @@ BY_ID = Path("/dev/serial/by-id")
 TIOCGICOUNT = 0x545D
 """ioctl_tty(2); not in `termios`."""
 _COUNTS = struct.Struct("20i")
-"""serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk, buf_overrun, nine reserved."""
-_LOSSES: dict[int, LossKind] = {7: "lost-port", 10: "lost-system", 6: "lost-framing", 8: "lost-parity", 9: "lost-break"}
+"""serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity,
+brk, buf_overrun, nine reserved."""
+_LOSSES: dict[int, LossKind] = {
+    7: "lost-port",
+    10: "lost-system",
+    6: "lost-framing",
+    8: "lost-parity",
+    9: "lost-break",
+}
 
 
 class Tty:
-    """An open serial port. Raises DeviceError where it does not open, or does not take the settings."""
+    """An open serial port. Raises DeviceError where it does not open, or does not take the
+    settings."""
 
     def __init__(self, settings: SerialSettings) -> None:
         try:
             self._serial = serial.Serial(
-                baudrate=settings.baud, bytesize=settings.bytesize, parity=settings.parity, stopbits=settings.stopbits, exclusive=True
+                baudrate=settings.baud,
+                bytesize=settings.bytesize,
+                parity=settings.parity,
+                stopbits=settings.stopbits,
+                exclusive=True,
             )
             self._serial.dtr, self._serial.rts = settings.dtr, settings.rts
             self._serial.port = settings.port
             self._serial.open()
-            self._serial.timeout = 0.0  # sets the line up once more: only then a port says that it does not take these settings
+            # sets the line up once more: only then a port says that it does not take these settings
+            self._serial.timeout = 0.0
             self._line = self._serial.fileno()
             _let_reads_wait(self._line)
         except (OSError, ValueError, termios.error) as error:
@@ -53,7 +66,9 @@ class Tty:
         self.low_latency = _set_low_latency(self._serial)
         self._counted = self._counts()
         latency = message("low-latency") if self.low_latency else message("no-low-latency")
-        self.detail = message("port-settings", port=settings.port, baud=settings.baud, latency=latency)
+        self.detail = message(
+            "port-settings", port=settings.port, baud=settings.baud, latency=latency
+        )
 
     def fileno(self) -> int:
         """Return the descriptor of the line."""
@@ -79,7 +94,11 @@ class Tty:
         pty, which does not count.
         """
         now = self._counts()
-        more = [after - before for before, after in zip(self._counted, now, strict=True)] if len(now) == len(self._counted) else []
+        more = (
+            [after - before for before, after in zip(self._counted, now, strict=True)]
+            if len(now) == len(self._counted)
+            else []
+        )
         return {kind: more[at] for at, kind in _LOSSES.items() if more and more[at] > 0}
 
     def _counts(self) -> tuple[int, ...]:
@@ -94,7 +113,8 @@ class Tty:
 
 
 def _let_reads_wait(line: int) -> None:
-    """Have a read of an empty line wait, instead of failing at once as pyserial leaves it (termios(3): in tenths of a second)."""
+    """Have a read of an empty line wait, instead of failing at once as pyserial leaves it
+    (termios(3): in tenths of a second)."""
     attributes = termios.tcgetattr(line)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, round(BUSY_WAIT_S * 10)
     termios.tcsetattr(line, termios.TCSANOW, attributes)
@@ -102,7 +122,8 @@ def _let_reads_wait(line: int) -> None:
 
 
 def _set_low_latency(port: serial.Serial) -> bool:
-    """Ask the adapter not to sit on bytes (FTDI: 1 ms instead of 16); return whether it agreed. Many ports have no such mode."""
+    """Ask the adapter not to sit on bytes (FTDI: 1 ms instead of 16); return whether it agreed.
+    Many ports have no such mode."""
     try:
         port.set_low_latency_mode(True)
     except (ValueError, OSError, NotImplementedError):
@@ -116,7 +137,9 @@ def present_ports() -> dict[str, str]:
     """
     stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
     return {
-        stable.get(each.device, each.device): each.description if each.description != "n/a" else each.device
+        stable.get(each.device, each.device): each.description
+        if each.description != "n/a"
+        else each.device
         for each in list_ports.comports()
     }
 
@@ -132,7 +155,12 @@ def _refusal(name: str, error: Exception) -> DeviceError:
     code = error.errno if isinstance(error, OSError) else None
     remedy = _REMEDIES.get(code or 0, message("do-port-survey"))
     if code == errno.ENOENT and (present := list(present_ports())):
-        remedy = message("do-other-port", ports=present)  # an adapter that was plugged in again may have another number
+        remedy = message(
+            "do-other-port", ports=present
+        )  # an adapter that was plugged in again may have another number
     return DeviceError(
-        message("where-serial", name=name), expected=message("expects-opens"), found=system_words(code or error), remedy=remedy
+        message("where-serial", name=name),
+        expected=message("expects-opens"),
+        found=system_words(code or error),
+        remedy=remedy,
     )

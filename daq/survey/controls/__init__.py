@@ -14,8 +14,13 @@ CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
 
 
 def control_section(name: str, host: str) -> str:
-    """Return what follows ``[plc]`` in a survey file for the control of this name at ``host``, with its comments. Raises UsageError."""
+    """Return what follows ``[plc]`` in a survey file for the control of this name at ``host``, with
+    its comments. Raises UsageError."""
     if name not in CONTROLS:
-        raise UsageError("control", expected=message("one-of", names=list(CONTROLS)), found=repr(name))
-    text = files("stepdiag.daq.survey.controls").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+        raise UsageError(
+            "control", expected=message("one-of", names=list(CONTROLS)), found=repr(name)
+        )
+    text = (
+        files("stepdiag.daq.survey.controls").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    )
     return text.replace("{host}", host)

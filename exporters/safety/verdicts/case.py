@@ -22,7 +22,8 @@ NODES = 9
 COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
 _SHIFTED = 3
-"""With so many points from either end a table is tried at the ends of the travel: a wrong number or reference moves it by few points."""
+"""With so many points from either end a table is tried at the ends of the travel: a wrong number or
+reference moves it by few points."""
 _EXCUSED = 0.25
 """Share of a correction that its uncertainty may hide."""
 
@@ -76,7 +77,8 @@ class TableCase:
         )
 
     def place_mm(self, curve: Curve, fit: Fit) -> float:
-        """Return the point of the table that is nearest to the largest rest of a regression on a curve."""
+        """Return the point of the table that is nearest to the largest rest of a regression on a
+        curve."""
         first, last = curve.position_mm[[0, -1]]
         own = self.table.position_mm
         at = np.linspace(max(first, own[0]), min(last, own[-1]), POINTS)[fit.largest_index]
@@ -89,30 +91,53 @@ class TableCase:
         return float(np.polyfit(at, left, 1)[0])
 
     def fit_product(self, result: Result, moving: int, by: int) -> Fit:
-        """Return the regression of what grows with the lever along ``by`` on the same part of the result's field."""
+        """Return the regression of what grows with the lever along ``by`` on the same part of the
+        result's field."""
         points, axis = grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
         parts = (moved, -error_field_um(result, points))
-        done, asked = (growing_um(field[:, axis].reshape(NODES, NODES, NODES), moving, by) for field in parts)
+        done, asked = (
+            growing_um(field[:, axis].reshape(NODES, NODES, NODES), moving, by) for field in parts
+        )
         return regress(done, asked, sure_um=SURE_UM / 2.0)
 
     def unstepped(self, curve: Curve) -> Curve:
         """Return a residual without the steps of the tables active during the measurement: no table
         asks for them (`tables.merge`).
         """
-        stepped = [each for each in self.before if each.law.between == "stepped" and each.multiplier is None]
+        stepped = [
+            each
+            for each in self.before
+            if each.law.between == "stepped" and each.multiplier is None
+        ]
         if not stepped:
             return curve
         at = curve.position_mm
-        steps = sum((correction_um(each, at, way) - correction_um(joined(each), at, way) for each in stepped for way in (1, -1)), 0.0 * at)
+        steps = sum(
+            (
+                correction_um(each, at, way) - correction_um(joined(each), at, way)
+                for each in stepped
+                for way in (1, -1)
+            ),
+            0.0 * at,
+        )
         return replace(curve, forward_um=curve.at(at) - steps / 2.0, reverse_um=None)
 
     def _sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
-        """Return what tables do at positions, mean of both directions, steps joined by straight lines, in um.
+        """Return what tables do at positions, mean of both directions, steps joined by straight
+        lines, in um.
 
-        Of a product that counts which is the same everywhere in the volume: its mean over the other axis.
+        Of a product that counts which is the same everywhere in the volume: its mean over the other
+        axis.
         """
-        return sum((self._along(joined(each), position_mm, way) / 2.0 for each in tables for way in (1, -1)), np.zeros(position_mm.shape))
+        return sum(
+            (
+                self._along(joined(each), position_mm, way) / 2.0
+                for each in tables
+                for way in (1, -1)
+            ),
+            np.zeros(position_mm.shape),
+        )
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
         """Return what a table moves along the input axis of the judged one."""
@@ -130,12 +155,17 @@ class TableCase:
 
     def _travel_mm(self, letter: str) -> Vector:
         axis = AXES.index(letter.lower())
-        return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(0.0, 1.0, POINTS)
+        return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(
+            0.0, 1.0, POINTS
+        )
 
 
 def cases_shifted(case: TableCase, low_mm: float, high_mm: float) -> Iterator[float]:
-    """Yield the shifts in mm that bring one of the first points of a table to the low end of the travel, or of the last to the high end."""
-    own = case.table.position_mm[:0] if case.table.law.ends == "extended" else case.table.position_mm
+    """Yield the shifts in mm that bring one of the first points of a table to the low end of the
+    travel, or of the last to the high end."""
+    own = (
+        case.table.position_mm[:0] if case.table.law.ends == "extended" else case.table.position_mm
+    )
     for shift in (*(low_mm - own[:_SHIFTED]), *(high_mm - own[-_SHIFTED:])):
         if abs(shift) > 1e-6:
             yield float(shift)
@@ -152,12 +182,19 @@ def growing_um(values: Vector, moving: int, by: int) -> Vector:
     for axes in ((1, 2), (0, 2), (0, 1)):
         left = left - np.mean(left, axis=axes, keepdims=True)
     lever = np.linspace(-1.0, 1.0, NODES)
-    return np.asarray(np.mean(np.moveaxis(left, (moving, by, other), (0, 1, 2)), axis=2) @ lever / np.sum(lever**2))
+    return np.asarray(
+        np.mean(np.moveaxis(left, (moving, by, other), (0, 1, 2)), axis=2)
+        @ lever
+        / np.sum(lever**2)
+    )
 
 
 def grid_mm(volume: Volume) -> Vector:
     """Return the points at which fields are compared, shape (nodes ** 3, 3), z fastest."""
-    axes = [low + size * np.linspace(0.0, 1.0, NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    axes = [
+        low + size * np.linspace(0.0, 1.0, NODES)
+        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
+    ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -167,5 +204,6 @@ def centred(values: Vector) -> Vector:
 
 
 def typical_u(curve: Curve) -> float:
-    """Return the standard uncertainty of a curve in um (rms over its nodes), 0 where nothing is known of it."""
+    """Return the standard uncertainty of a curve in um (rms over its nodes), 0 where nothing is
+    known of it."""
     return rms(curve.u_um[np.isfinite(curve.u_um)])

@@ -14,7 +14,13 @@ from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import rms
 from stepdiag.exporters.safety.standing import Standing, unchanged
-from stepdiag.exporters.safety.verdicts.case import COVERED, TableCase, cases_shifted, centred, typical_u
+from stepdiag.exporters.safety.verdicts.case import (
+    COVERED,
+    TableCase,
+    cases_shifted,
+    centred,
+    typical_u,
+)
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Cause, Explained, Fit, explain
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted, is_known
@@ -25,7 +31,9 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
 
-def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: Profile) -> tuple[Judgement, ...]:
+def judge(
+    result: Result, tables: Sequence[Table], standing: Standing, profile: Profile
+) -> tuple[Judgement, ...]:
     """Return a judgement for every table, in their order: by the effect of all active tables in the
     control afterwards, old tables among them.
 
@@ -36,7 +44,9 @@ def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: 
     wanted = Wanted(result)
 
     def case_of(table: Table) -> TableCase:
-        together, then = ([each for each in some if _acts_with(each, table)] for some in (after, before))
+        together, then = (
+            [each for each in some if _acts_with(each, table)] for some in (after, before)
+        )
         return TableCase(table=table, together=together, before=then, volume=result.volume)
 
     turns = _turns(wanted, [case_of(table) for table in after if table.multiplier is None])
@@ -44,18 +54,32 @@ def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: 
         _measuring_system(table, profile)
         or _kept(table, standing, profile)
         or _emptied(case := case_of(table))
-        or (_of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, turns.get(table.name, 0.0)))
+        or (
+            _of_product(case, result)
+            if table.multiplier is not None
+            else _of_curve(case, wanted, turns.get(table.name, 0.0))
+        )
         for table in tables
     ]
     # a control has zeros for functions outside the request, and zeros alone take every correction
     # out, as restore files do
-    asked = set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
-    return tuple(replace(each, code="empty") if each.code == "missing" and each.function not in asked else each for each in judged)
+    asked = (
+        set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
+    )
+    return tuple(
+        replace(each, code="empty")
+        if each.code == "missing" and each.function not in asked
+        else each
+        for each in judged
+    )
 
 
 def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
     name = case.table.name
-    own = [case.unstepped(curve) for curve in (wanted.as_slope(name) if case.is_slope else wanted.of(name))]
+    own = [
+        case.unstepped(curve)
+        for curve in (wanted.as_slope(name) if case.is_slope else wanted.of(name))
+    ]
     if not own:
         return _says(case, "unidentified", message("result-does-not-identify"))
     axis = AXES.index(case.table.input_axis.lower())
@@ -66,20 +90,49 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
         _fits(case, own),
         _fits(case, own, turn_um_mm=turn_um_mm) if turn_um_mm else (),
         ((other, fit) for other in names if other != name for fit in _fits(case, wanted.of(other))),
-        ((shift, fit) for shift in cases_shifted(case, low, high) for fit in _fits(case, own, shift)),
+        (
+            (shift, fit)
+            for shift in cases_shifted(case, low, high)
+            for fit in _fits(case, own, shift)
+        ),
     )
     first, last = case.table.position_mm[[0, -1]]
-    if found.cause in ("scaled", "unlike") and not case.is_slope and min(last, high) - max(first, low) < COVERED * (high - low):
-        return _says(case, "beside-volume", message("to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high))
+    if (
+        found.cause in ("scaled", "unlike")
+        and not case.is_slope
+        and min(last, high) - max(first, low) < COVERED * (high - low)
+    ):
+        return _says(
+            case,
+            "beside-volume",
+            message(
+                "to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high
+            ),
+        )
     if found.cause == "other" and found.fit is not None:
         turned = found.fit.left(-1.0) < found.fit.left()
-        words = message("this-table-with-opposite", name=found.other) if turned else message("this-table", name=found.other)
-        return _says(case, "input-output-swapped" if found.other == mirrored else "axes-swapped", words)
+        words = (
+            message("this-table-with-opposite", name=found.other)
+            if turned
+            else message("this-table", name=found.other)
+        )
+        return _says(
+            case, "input-output-swapped" if found.other == mirrored else "axes-swapped", words
+        )
     if found.cause == "beside":
-        return _says(case, "beside-volume", message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last))
+        return _says(
+            case,
+            "beside-volume",
+            message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last),
+        )
     if found.cause == "spike" and found.fit is not None:
         where = f"{case.table.input_axis} {case.place_mm(own[0], found.fit):g} mm"
-        return _says(case, "unlike", message("um-off-at-where", largest_um=found.fit.largest_um, where=where), found.fit)
+        return _says(
+            case,
+            "unlike",
+            message("um-off-at-where", largest_um=found.fit.largest_um, where=where),
+            found.fit,
+        )
     return _plainly(case, found)
 
 
@@ -97,7 +150,12 @@ def _of_product(case: TableCase, result: Result) -> Judgement:
     return _plainly(case, explain([fit]))
 
 
-_CODES: Mapping[Cause, Code] = {"right": "right", "missing": "missing", "sign-turned": "sign-turned", "scaled": "scaled"}
+_CODES: Mapping[Cause, Code] = {
+    "right": "right",
+    "missing": "missing",
+    "sign-turned": "sign-turned",
+    "scaled": "scaled",
+}
 
 
 def _plainly(case: TableCase, found: Explained) -> Judgement:
@@ -112,23 +170,39 @@ def _plainly(case: TableCase, found: Explained) -> Judgement:
     }.get(code)
     if words is None:
         factor = abs(fit.factor)
-        words = message("right-shape-times-as", factor=factor) if fit.factor < 0 else message("right-shape-other-size", factor=factor)
+        words = (
+            message("right-shape-times-as", factor=factor)
+            if fit.factor < 0
+            else message("right-shape-other-size", factor=factor)
+        )
     if code == "right":
         return _says(case, code, words, fit)
     return _says(case, code, words, factor={"sign-turned": -1.0, "scaled": fit.factor}.get(code))
 
 
-def _says(case: TableCase, code: Code, words: Message, fit: Fit | None = None, factor: float | None = None) -> Judgement:
+def _says(
+    case: TableCase, code: Code, words: Message, fit: Fit | None = None, factor: float | None = None
+) -> Judgement:
     """Return a judgement with the figures of a regression."""
     label = message("of-table", label=case.table.label, what=words)
     if fit is None:
-        return Judgement(function=case.table.name, table=case.table, code=code, words=label, factor=factor)
+        return Judgement(
+            function=case.table.name, table=case.table, code=code, words=label, factor=factor
+        )
     return Judgement(
-        function=case.table.name, table=case.table, code=code, words=label, factor=fit.factor, rms_um=fit.rest_um, largest_um=fit.largest_um
+        function=case.table.name,
+        table=case.table,
+        code=code,
+        words=label,
+        factor=fit.factor,
+        rms_um=fit.rest_um,
+        largest_um=fit.largest_um,
     )
 
 
-def _fits(case: TableCase, curves: Iterable[Curve], shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> list[Fit]:
+def _fits(
+    case: TableCase, curves: Iterable[Curve], shift_mm: float = 0.0, turn_um_mm: float = 0.0
+) -> list[Fit]:
     return [fit for curve in curves if (fit := case.fit(curve, shift_mm, turn_um_mm)) is not None]
 
 
@@ -139,7 +213,11 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
     Old tables, levers and the choice of the function that holds a squareness move such a turn from
     calibration to calibration: the turn raises a function by as much as it lowers the other.
     """
-    left = {case.table.name: case.slope_left_um_mm(curves[0]) for case in cases if (curves := wanted.of(case.table.name))}
+    left = {
+        case.table.name: case.slope_left_um_mm(curves[0])
+        for case in cases
+        if (curves := wanted.of(case.table.name))
+    }
     pairs = [(name, f"E{name[2]}{name[1]}") for name in left if name[1] != name[2]]
     return {one: (left[one] - left[other]) / 2.0 for one, other in pairs if other in left}
 
@@ -153,14 +231,22 @@ def _acts_with(one: Table, other: Table) -> bool:
     """
     if one.multiplier is None or other.multiplier is not None:
         return one.name == other.name
-    return one.output_axis == other.output_axis and other.input_axis in (one.input_axis, one.multiplier.axis)
+    return one.output_axis == other.output_axis and other.input_axis in (
+        one.input_axis,
+        one.multiplier.axis,
+    )
 
 
 def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
-    system, used = table.place.get("measuring system"), getattr(profile.options, "measuring_system", None)
+    system, used = (
+        table.place.get("measuring system"),
+        getattr(profile.options, "measuring_system", None),
+    )
     if profile.assumed or system is None or used is None or system == used:
         return None
-    text = message("written-for-measuring-system", label=table.label, system=str(system), used=str(used))
+    text = message(
+        "written-for-measuring-system", label=table.label, system=str(system), used=str(used)
+    )
     return Judgement(function=table.name, table=table, code="wrong-measuring-system", words=text)
 
 
@@ -168,10 +254,18 @@ def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | Non
     """Return a judgement if a function outside the request moves the axis as before."""
     if table.name in profile.machine.functions or table.multiplier is not None:
         return None
-    then, now = ([each for each in some if each.name == table.name] for some in (standing.before, standing.after))
+    then, now = (
+        [each for each in some if each.name == table.name]
+        for some in (standing.before, standing.after)
+    )
     if not then or not now or not unchanged(now, then):
         return None
-    return Judgement(function=table.name, table=table, code="kept", words=message("as-it-was-in", label=table.label))
+    return Judgement(
+        function=table.name,
+        table=table,
+        code="kept",
+        words=message("as-it-was-in", label=table.label),
+    )
 
 
 def _emptied(case: TableCase) -> Judgement | None:
@@ -181,7 +275,9 @@ def _emptied(case: TableCase) -> Judgement | None:
     return _says(case, "empty", message("zeros-nothing-acts-from"))
 
 
-def judge_missing(result: Result, controller: Controller, new: Sequence[Table], profile: Profile) -> Iterator[Judgement]:
+def judge_missing(
+    result: Result, controller: Controller, new: Sequence[Table], profile: Profile
+) -> Iterator[Judgement]:
     """Yield a judgement for each function of the profile requested by the result, possible on this
     control, and missing in ``new``.
 
@@ -192,9 +288,15 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
     if not any(table.value_um.any() for table in new):
         return
     held = {table.name for table in new}
-    other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
+    other = {
+        name: next(one for one in slopes if one != FOLD_DEFAULT[name])
+        for name, slopes in SQUARENESS_SLOPE.items()
+    }
     folds = (FOLD_DEFAULT, other) if profile.assumed else (profile.machine.squareness_into,)
-    lacking = [[curve for curve in _asked(result, controller, profile, fold) if curve.name not in held] for fold in folds]
+    lacking = [
+        [curve for curve in _asked(result, controller, profile, fold) if curve.name not in held]
+        for fold in folds
+    ]
     for curve in min(lacking, key=len):
         name, size_um = curve.name, rms(centred(curve.mean_um))
         words = message("no-table-though-asked", name=name, size_um=size_um)
@@ -203,7 +305,9 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
         yield Judgement(function=name, table=None, code="missing", words=words)
 
 
-def _asked(result: Result, controller: Controller, profile: Profile, fold: Mapping[str, str]) -> Iterator[Curve]:
+def _asked(
+    result: Result, controller: Controller, profile: Profile, fold: Mapping[str, str]
+) -> Iterator[Curve]:
     """Yield the curves of a profile known to the result, beyond rounding, and with tables on the
     control.
     """
@@ -214,10 +318,15 @@ def _asked(result: Result, controller: Controller, profile: Profile, fold: Mappi
             plan = controller.plan_products(fit.curves, fit.products, profile)
         else:
             plan = controller.plan(fit.curves, profile)
-    except (SafetyError, UsageError):  # a profile whose tables cannot be made does not show what the control holds
+    except (
+        SafetyError,
+        UsageError,
+    ):  # a profile whose tables cannot be made does not show what the control holds
         return
     planned = {table.name: table for table in plan.tables}
     for curve in fit.curves:
         table = planned.get(curve.name)
-        if table is not None and rms(centred(curve.mean_um)) >= max(SURE_UM, table.quantum_um, 2.0 * typical_u(curve)):
+        if table is not None and rms(centred(curve.mean_um)) >= max(
+            SURE_UM, table.quantum_um, 2.0 * typical_u(curve)
+        ):
             yield curve

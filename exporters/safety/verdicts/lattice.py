@@ -47,17 +47,26 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
 
 
 def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...]:
-    """Return what a lattice adds as tables: a curve for each of the nine functions in their order, then what grows with a lever."""
-    return (*(_curve(name, moved_um, axes_mm, volume) for name in FUNCTIONS), *_products(moved_um, volume))
+    """Return what a lattice adds as tables: a curve for each of the nine functions in their order,
+    then what grows with a lever."""
+    return (
+        *(_curve(name, moved_um, axes_mm, volume) for name in FUNCTIONS),
+        *_products(moved_um, volume),
+    )
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
-    """Return the mean of the movement of an output axis over the volume, at the vertices along one axis of the lattice.
+    """Return the mean of the movement of an output axis over the volume, at the vertices along one
+    axis of the lattice.
 
-    Nothing more is asked of a lattice than of a table: the right value at its own points, whatever its spacing cannot hold between them.
+    Nothing more is asked of a lattice than of a table: the right value at its own points, whatever
+    its spacing cannot hold between them.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
-    along = [np.linspace(low, low + size, NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    along = [
+        np.linspace(low, low + size, NODES)
+        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
+    ]
     along[moving] = axes_mm[moving]
     points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     moved = moved_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
@@ -81,7 +90,8 @@ def _folded(tables: list[Table]) -> list[Table]:
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
-    """Yield what grows with a lever, for every output, axis and lever where it is more than nothing."""
+    """Yield what grows with a lever, for every output, axis and lever where it is more than
+    nothing."""
     points = grid_mm(volume)
     moved = moved_um(points)
     for output in range(3):
@@ -92,12 +102,23 @@ def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
                 ends, low = np.array([0.0, volume.size_mm[by]]), volume.origin_mm[by]
                 at = volume.origin_mm[moving] + np.linspace(0.0, volume.size_mm[moving], NODES)
                 if rms(grown) > SURE_UM / 2:
-                    multiplier = Multiplier(axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0]))
+                    multiplier = Multiplier(
+                        axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0])
+                    )
                     yield _table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
 
 
-def _table(name: str, position_mm: Vector, value_um: Vector, multiplier: Multiplier | None = None) -> Table:
+def _table(
+    name: str, position_mm: Vector, value_um: Vector, multiplier: Multiplier | None = None
+) -> Table:
     return Table(
-        kind=NAME, input_axis=name[2], output_axis=name[1], position_mm=position_mm, value_um=value_um, quantum_um=_QUANTUM_UM, law=_LAW,
-        reference_mm=float(position_mm[0]), multiplier=multiplier,
-    )  # fmt: skip
+        kind=NAME,
+        input_axis=name[2],
+        output_axis=name[1],
+        position_mm=position_mm,
+        value_um=value_um,
+        quantum_um=_QUANTUM_UM,
+        law=_LAW,
+        reference_mm=float(position_mm[0]),
+        multiplier=multiplier,
+    )

@@ -53,7 +53,8 @@ Cause = Literal["right", "missing", "sign-turned", "other", "beside", "scaled", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """One regression. ``asked_um`` is the size of what was asked for, ``size_um`` that of the error, which a share is a share of."""
+    """One regression. ``asked_um`` is the size of what was asked for, ``size_um`` that of the
+    error, which a share is a share of."""
 
     factor: float
     asked_um: float
@@ -76,7 +77,8 @@ class Fit:
         return self.factor * self.asked_um / self.moved_um if self.moved_um > 0.0 else 0.0
 
     def left(self, factor: float = 1.0) -> float:
-        """Return the share of the error that is left where ``factor`` times what is asked for would leave nothing."""
+        """Return the share of the error that is left where ``factor`` times what is asked for would
+        leave nothing."""
         left_um = float(np.hypot((self.factor - factor) * self.asked_um, self.rest_um))
         return float(np.maximum(0.0, left_um - self.unheld_um)) / max(self.size_um, self.sure_um)
 
@@ -92,11 +94,15 @@ class Fit:
 
     @property
     def is_alike(self) -> bool:
-        """Return whether the movement corrects the error in its right size, one place aside, or both are too small to separate."""
+        """Return whether the movement corrects the error in its right size, one place aside, or
+        both are too small to separate."""
         off_um = abs(self.factor - 1.0) * self.asked_um - self.unheld_um
         unsure = self.sure_um / max(self.size_um, self.sure_um)
         small = max(self.size_um, self.moved_um) < self.sure_um
-        return small or bool(self.left() <= np.hypot(SAME, unsure) and off_um <= np.hypot(SIZED * self.size_um, self.sure_um))
+        return small or bool(
+            self.left() <= np.hypot(SAME, unsure)
+            and off_um <= np.hypot(SIZED * self.size_um, self.sure_um)
+        )
 
     @property
     def is_right(self) -> bool:
@@ -121,9 +127,16 @@ def regress(
     rest = moved_um - factor * asked_um
     index = int(np.argmax(np.abs(rest)))
     return Fit(
-        factor=factor, asked_um=own, size_um=own if size_um is None else size_um, rest_um=rms(rest),
-        largest_um=float(np.abs(rest).flat[index]), largest_index=index, sure_um=sure_um, unheld_um=unheld_um, spike_um=spike_um,
-    )  # fmt: skip
+        factor=factor,
+        asked_um=own,
+        size_um=own if size_um is None else size_um,
+        rest_um=rms(rest),
+        largest_um=float(np.abs(rest).flat[index]),
+        largest_index=index,
+        sure_um=sure_um,
+        unheld_um=unheld_um,
+        spike_um=spike_um,
+    )
 
 
 class Explained(NamedTuple):
@@ -163,24 +176,35 @@ def explain(
         return Explained("spike" if fit.is_alike else "scaled", fit)
     unscaled = min((fit.left_scaled for fit in own), default=1.0)
     for name, fit in others:
-        if fit.size_um >= 2.0 * fit.sure_um and min(fit.left(), fit.left(-1.0)) <= min(OTHER, max(EXACT, unscaled)):
+        if fit.size_um >= 2.0 * fit.sure_um and min(fit.left(), fit.left(-1.0)) <= min(
+            OTHER, max(EXACT, unscaled)
+        ):
             return Explained("other", fit, other=name)
-    elsewhere = [(shift, fit) for shift, fit in shifted if fit.left() <= min(OTHER, unscaled) and fit.is_large]
+    elsewhere = [
+        (shift, fit)
+        for shift, fit in shifted
+        if fit.left() <= min(OTHER, unscaled) and fit.is_large
+    ]
     if elsewhere:
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
         return Explained("beside", fit, shift_mm=shift)
     sized = [fit for fit in own if abs(fit.alike) >= ALIKE and fit.is_large]
-    if sized:  # two slopes are alike to rounding, whatever their sizes: then the one that the table misses least
-        return Explained("scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left())))
+    # two slopes are alike to rounding, whatever their sizes: then the one that the table misses
+    # least
+    if sized:
+        return Explained(
+            "scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left()))
+        )
     return Explained("unlike", min(own, key=lambda fit: fit.rest_um, default=None))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The regression of what a laser measured on what several tables do: ``factor`` and ``u`` (k = 1) of each, shape (tables,).
+    """The regression of what a laser measured on what several tables do: ``factor`` and ``u`` (k =
+    1) of each, shape (tables,).
 
-    ``weigh`` (rows, readings) brings readings to equal scatter ``sigma_um`` and takes out what is free beside the tables; ``values`` are
-    the measured ones so weighed.
+    ``weigh`` (rows, readings) brings readings to equal scatter ``sigma_um`` and takes out what is
+    free beside the tables; ``values`` are the measured ones so weighed.
     """
 
     factor: Vector
@@ -190,7 +214,8 @@ class Measured:
     values: Vector
 
     def misfit(self, predicted_um: Vector) -> float:
-        """Return twice the logarithm by which a prediction of the readings is less likely than a perfect one."""
+        """Return twice the logarithm by which a prediction of the readings is less likely than a
+        perfect one."""
         rest = self.values - self.weigh @ predicted_um
         return float(rest @ rest) / self.sigma_um**2
 
@@ -199,13 +224,19 @@ LEAST_SCATTER_UM = 0.1
 """No laser and no axis scatters by less; a fit of few readings can seem to."""
 
 
-def measured(values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector) -> Measured:
+def measured(
+    values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector
+) -> Measured:
     """Return the regression of readings (N,) on tables (N, T), with the columns ``free`` beside
     them, and the columns ``held`` (N, H) within a standard deviation of 1 each. ``scatter`` (N, N)
     is the covariance of the readings except for its size, which the rest shows.
     """
     size_um = 1.0
-    for _ in range(3):  # the scatter sets how much the held columns count, and they change the scatter: it settles in two rounds
+    for _ in range(
+        3
+        # the scatter sets how much the held columns count, and they change the scatter: it settles
+        # in two rounds
+    ):
         root = np.linalg.inv(np.linalg.cholesky(scatter + held @ held.T / size_um**2))
         beside = np.linalg.qr(root @ free)[0]
         weigh = root - beside @ (beside.T @ root)
@@ -215,4 +246,10 @@ def measured(values_um: Vector, tables_um: Vector, free: Vector, held: Vector, s
         rest = values - columns @ factor
         degrees = max(len(values_um) - free.shape[1] - tables_um.shape[1], 1)
         size_um = max(float(np.sqrt(rest @ rest / degrees)), LEAST_SCATTER_UM)
-    return Measured(factor=factor, u=size_um * np.sqrt(np.diag(spread)), sigma_um=size_um, weigh=weigh, values=values)
+    return Measured(
+        factor=factor,
+        u=size_um * np.sqrt(np.diag(spread)),
+        sigma_um=size_um,
+        weigh=weigh,
+        values=values,
+    )

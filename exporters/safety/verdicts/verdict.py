@@ -8,9 +8,19 @@ from stepdiag.base.messages import Message
 from stepdiag.exporters.tables.tables import Table
 
 Code = Literal[
-    "right", "empty", "kept", "unidentified", "missing", "sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system",
-    "scaled", "beside-volume", "unlike",
-]  # fmt: skip
+    "right",
+    "empty",
+    "kept",
+    "unidentified",
+    "missing",
+    "sign-turned",
+    "axes-swapped",
+    "input-output-swapped",
+    "wrong-measuring-system",
+    "scaled",
+    "beside-volume",
+    "unlike",
+]
 HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"})
 """Verdicts that do not stop anybody from loading a file."""
 

@@ -9,7 +9,13 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.result.result import Result
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
+from stepdiag.exporters.tables.curves import (
+    FOLD_DEFAULT,
+    FUNCTIONS,
+    SQUARENESS_SLOPE,
+    Curve,
+    curves_of,
+)
 from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 
 
@@ -17,7 +23,10 @@ class Wanted:
     """The curves requested by the result, each squareness in either of its two functions."""
 
     def __init__(self, result: Result) -> None:
-        other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
+        other = {
+            name: next(one for one in slopes if one != FOLD_DEFAULT[name])
+            for name, slopes in SQUARENESS_SLOPE.items()
+        }
         self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
         for fold in (FOLD_DEFAULT, other):
             known = [name for name in FUNCTIONS if is_known(result, name, fold)]
@@ -31,14 +40,24 @@ class Wanted:
         """Return the curves for a control with a common slope for both functions of a pair of axes:
         the slope of the other function is added.
         """
-        plain = [curve for curve in self.of(f"E{name[2]}{name[1]}") if not any(part in SQUARENESS_SLOPE for part in curve.parts)]
+        plain = [
+            curve
+            for curve in self.of(f"E{name[2]}{name[1]}")
+            if not any(part in SQUARENESS_SLOPE for part in curve.parts)
+        ]
         slope = straight_line_um_mm(plain[0]) if plain else 0.0
-        return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
+        return [
+            replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None)
+            for curve in self.of(name)
+        ]
 
 
 def _with_slope_u(curve: Curve, result: Result) -> Curve:
-    """Return a curve whose uncertainty holds that of the squareness in its slope, about the middle of its travel."""
-    squares = [result.squareness[part].u or 0.0 for part in curve.parts if part in result.squareness]
+    """Return a curve whose uncertainty holds that of the squareness in its slope, about the middle
+    of its travel."""
+    squares = [
+        result.squareness[part].u or 0.0 for part in curve.parts if part in result.squareness
+    ]
     lever_mm = curve.position_mm - np.mean(curve.position_mm[[0, -1]])
     return replace(curve, u_um=np.hypot(curve.u_um, sum(squares) * lever_mm / 1000.0))
 

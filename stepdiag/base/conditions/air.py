@@ -1,8 +1,9 @@
 """The refractive index of air and what it does to an interferometer's length.
 
-Two equations of the index, both with the IAPWS saturation vapour pressure and both checked against the values that
-NIST publishes: the modified Edlen equation (Birch and Downs 1994 with the water term of the NIST Engineering
-Metrology Toolbox, Appendix A) and Ciddor (1996). They differ by less than 3e-8 in a machine hall.
+Two equations of the index, both with the IAPWS saturation vapour pressure and both checked against
+the values that NIST publishes: the modified Edlen equation (Birch and Downs 1994 with the water
+term of the NIST Engineering Metrology Toolbox, Appendix A) and Ciddor (1996). They differ by less
+than 3e-8 in a machine hall.
 """
 
 import enum
@@ -55,7 +56,8 @@ class Done(enum.Flag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """The air in the beam: scalars or arrays of one shape. Refused (DataError) where a value cannot be air."""
+    """The air in the beam: scalars or arrays of one shape. Refused (DataError) where a value cannot
+    be air."""
 
     temperature_c: Vector
     pressure_hpa: Vector
@@ -63,7 +65,9 @@ class Air:
 
     def __post_init__(self) -> None:
         """Take anything array-like and refuse impossible values of a sensor in air."""
-        fields = zip(("temperature_c", "pressure_hpa", "humidity_percent"), _PLAUSIBLE.items(), strict=True)
+        fields = zip(
+            ("temperature_c", "pressure_hpa", "humidity_percent"), _PLAUSIBLE.items(), strict=True
+        )
         for name, (signal, (low, high)) in fields:
             values = np.asarray(getattr(self, name), dtype=np.float64)
             implausible = ~((values >= low) & (values <= high))
@@ -78,9 +82,22 @@ class Air:
 
 
 def saturation_pressure_pa(temperature_c: ArrayLike) -> Vector:
-    """Return the saturation vapour pressure over water (IAPWS, as in the NIST toolbox, Appendix A)."""
-    k1, k2, k3, k4, k5 = 1.16705214528e3, -7.24213167032e5, -17.0738469401, 1.20208247025e4, -3.23255503223e6
-    k6, k7, k8, k9, k10 = 14.9151086135, -4.82326573616e3, 4.05113405421e5, -0.238555575678, 650.175348448
+    """Return the saturation vapour pressure over water (IAPWS, as in the NIST toolbox, Appendix
+    A)."""
+    k1, k2, k3, k4, k5 = (
+        1.16705214528e3,
+        -7.24213167032e5,
+        -17.0738469401,
+        1.20208247025e4,
+        -3.23255503223e6,
+    )
+    k6, k7, k8, k9, k10 = (
+        14.9151086135,
+        -4.82326573616e3,
+        4.05113405421e5,
+        -0.238555575678,
+        650.175348448,
+    )
     kelvin = np.asarray(temperature_c, dtype=np.float64) + ZERO_CELSIUS_K
     w = kelvin + k9 / (kelvin - k10)
     a = w**2 + k1 * w + k2
@@ -92,7 +109,8 @@ def saturation_pressure_pa(temperature_c: ArrayLike) -> Vector:
 
 
 def edlen_index(air: Air, vacuum_wavelength_nm: float) -> Vector:
-    """Return the index by the modified Edlen equation (NIST toolbox, Appendix A, part II), shape of ``air``."""
+    """Return the index by the modified Edlen equation (NIST toolbox, Appendix A, part II), shape of
+    ``air``."""
     s = (1e3 / vacuum_wavelength_nm) ** 2
     t, p = air.temperature_c, air.pressure_hpa * 100.0
     standard = 1e-8 * (8342.54 + 2406147 / (130 - s) + 15998 / (38.9 - s))
@@ -114,12 +132,15 @@ def _ciddor_compressibility(t: Vector, p: Vector, xv: Vector) -> Vector:
 
 
 def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_CO2_PPM) -> Vector:
-    """Return the index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of ``air``."""
+    """Return the index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of
+    ``air``."""
     s = (1e3 / vacuum_wavelength_nm) ** 2
     t, p = air.temperature_c, air.pressure_hpa * 100.0
     vapour_pa = air.humidity_percent / 100 * saturation_pressure_pa(t)
     xv = (1.00062 + 3.14e-8 * p + 5.6e-7 * t**2) * vapour_pa / p
-    dry_standard = 1e-8 * (5792105 / (238.0185 - s) + 167917 / (57.362 - s)) * (1 + 5.34e-7 * (co2_ppm - 450))
+    dry_standard = (
+        1e-8 * (5792105 / (238.0185 - s) + 167917 / (57.362 - s)) * (1 + 5.34e-7 * (co2_ppm - 450))
+    )
     water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.03238 * s**2 + 0.004028 * s**3)
     water_molar, gas = 0.018015, 8.314472
     moles = p / (_ciddor_compressibility(t, p, xv) * gas * (t + ZERO_CELSIUS_K))
@@ -132,28 +153,40 @@ def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_
 
 
 IndexEquation = Literal["edlen", "ciddor"]
-_EQUATIONS: dict[IndexEquation, Callable[[Air, float], Vector]] = {"edlen": edlen_index, "ciddor": ciddor_index}
+_EQUATIONS: dict[IndexEquation, Callable[[Air, float], Vector]] = {
+    "edlen": edlen_index,
+    "ciddor": ciddor_index,
+}
 
 
-def refractive_index(air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen") -> Vector:
+def refractive_index(
+    air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen"
+) -> Vector:
     """Return the index by the equation named, shape of ``air``."""
     return _EQUATIONS[equation](air, vacuum_wavelength_nm)
 
 
-def air_wavelength_nm(air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen") -> Vector:
+def air_wavelength_nm(
+    air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen"
+) -> Vector:
     """Return the wavelength in this air, shape of ``air``."""
-    wavelength: Vector = vacuum_wavelength_nm / refractive_index(air, vacuum_wavelength_nm, equation)
+    wavelength: Vector = vacuum_wavelength_nm / refractive_index(
+        air, vacuum_wavelength_nm, equation
+    )
     return wavelength
 
 
 def correction_factor(index: ArrayLike, done: Done) -> Vector:
-    """Return the factor per stop that turns the instrument's length into the length in this air, shape (N,)."""
+    """Return the factor per stop that turns the instrument's length into the length in this air,
+    shape (N,)."""
     n = np.asarray(index, dtype=np.float64)
     factor: Vector = np.ones_like(n) if Done.WAVELENGTH in done else 1 / n
     return factor
 
 
-def displacement_mm(reading_mm: ArrayLike, index: ArrayLike, *, zero_index: float, dead_path_mm: float, done: Done) -> Vector:
+def displacement_mm(
+    reading_mm: ArrayLike, index: ArrayLike, *, zero_index: float, dead_path_mm: float, done: Done
+) -> Vector:
     """Return the true displacement of the target at every stop, shape (N,).
 
     ``reading_mm`` is relative to the pass's first stop and grows away from the laser; ``index``
@@ -170,7 +203,8 @@ def displacement_mm(reading_mm: ArrayLike, index: ArrayLike, *, zero_index: floa
 
 
 EQUATION_U = 1e-8
-"""Standard uncertainty of the equations themselves (RECALLED: Birch and Downs, Metrologia 31 (1994) 315)."""
+"""Standard uncertainty of the equations themselves (RECALLED: Birch and Downs, Metrologia 31 (1994)
+315)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,8 +217,11 @@ class AirUncertainty:
 
 
 def index_u(air: Air, vacuum_wavelength_nm: float, u: AirUncertainty) -> Vector:
-    """Return the standard uncertainty of the index, shape of ``air`` (GUM 5.1: sensitivities by central difference)."""
-    total = np.full(np.shape(air.temperature_c + air.pressure_hpa + air.humidity_percent), EQUATION_U**2)
+    """Return the standard uncertainty of the index, shape of ``air`` (GUM 5.1: sensitivities by
+    central difference)."""
+    total = np.full(
+        np.shape(air.temperature_c + air.pressure_hpa + air.humidity_percent), EQUATION_U**2
+    )
     for name, half, step_u in (
         ("temperature_c", 0.05, u.temperature_c),
         ("pressure_hpa", 0.5, u.pressure_hpa),
@@ -196,8 +233,12 @@ def index_u(air: Air, vacuum_wavelength_nm: float, u: AirUncertainty) -> Vector:
 
 
 def _sensitivity(air: Air, vacuum_wavelength_nm: float, name: str, half: float) -> Vector:
-    """Return d index / d quantity from the two sides; at the ends of the scale from the side that exists."""
-    state = {field: getattr(air, field) for field in ("temperature_c", "pressure_hpa", "humidity_percent")}
+    """Return d index / d quantity from the two sides; at the ends of the scale from the side that
+    exists."""
+    state = {
+        field: getattr(air, field)
+        for field in ("temperature_c", "pressure_hpa", "humidity_percent")
+    }
     low_limit, high_limit = list(_PLAUSIBLE.values())[list(state).index(name)]
     low = np.maximum(state[name] - half, low_limit)
     high = np.minimum(state[name] + half, high_limit)

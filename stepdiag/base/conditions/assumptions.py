@@ -13,26 +13,47 @@ from stepdiag.base.volume import Vector
 
 CLASSES: Mapping[str, Mapping[str, float]] = {
     "good": {
-        "angles_urad": 5.0, "repeatability_um": 0.2, "setup_c": 0.03, "growth_um_m": 5.0, "drift_um": 0.1, "wander_um": 0.07,
-        "squareness_urad": 10.0, "scale_um_m": 5.0, "shape_um": 3.0,
+        "angles_urad": 5.0,
+        "repeatability_um": 0.2,
+        "setup_c": 0.03,
+        "growth_um_m": 5.0,
+        "drift_um": 0.1,
+        "wander_um": 0.07,
+        "squareness_urad": 10.0,
+        "scale_um_m": 5.0,
+        "shape_um": 3.0,
     },
     "ordinary": {
-        "angles_urad": 15.0, "repeatability_um": 0.5, "setup_c": 0.15, "growth_um_m": 20.0, "drift_um": 0.15, "wander_um": 0.1,
-        "squareness_urad": 30.0, "scale_um_m": 20.0, "shape_um": 5.0,
+        "angles_urad": 15.0,
+        "repeatability_um": 0.5,
+        "setup_c": 0.15,
+        "growth_um_m": 20.0,
+        "drift_um": 0.15,
+        "wander_um": 0.1,
+        "squareness_urad": 30.0,
+        "scale_um_m": 20.0,
+        "shape_um": 5.0,
     },
     "poor": {
-        "angles_urad": 50.0, "repeatability_um": 1.5, "setup_c": 0.5, "growth_um_m": 60.0, "drift_um": 1.0, "wander_um": 0.5,
-        "squareness_urad": 100.0, "scale_um_m": 50.0, "shape_um": 20.0,
+        "angles_urad": 50.0,
+        "repeatability_um": 1.5,
+        "setup_c": 0.5,
+        "growth_um_m": 60.0,
+        "drift_um": 1.0,
+        "wander_um": 0.5,
+        "squareness_urad": 100.0,
+        "scale_um_m": 50.0,
+        "shape_um": 20.0,
     },
-}  # fmt: skip
+}
 """Usual sizes by class of machine, by their names in `Assumptions`."""
 
 FEEDBACKS: Mapping[str, Mapping[str, float]] = {
     "screw": {"good": 0.7, "ordinary": 1.5, "poor": 3.0},
     "scale": {"good": 0.1, "ordinary": 0.15, "poor": 0.3},
 }
-"""``between_um`` by position feedback and class. A rotary encoder on a ball screw: waves of 1 to 3 um, once or twice a pitch; a linear
-scale leaves what it interpolates wrongly."""
+"""``between_um`` by position feedback and class. A rotary encoder on a ball screw: waves of 1 to 3
+um, once or twice a pitch; a linear scale leaves what it interpolates wrongly."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,13 +102,17 @@ class Assumptions:
     scale_um_m: float = 20.0
 
     def u_grown_um_m(self) -> Vector:
-        """Return what is uncertain about how far each axis is from its length at 20 C, in um/m, shape (3,)."""
+        """Return what is uncertain about how far each axis is from its length at 20 C, in um/m,
+        shape (3,)."""
         excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
-        u: Vector = np.hypot(np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c)
+        u: Vector = np.hypot(
+            np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c
+        )
         return u
 
     def stated(self) -> Assumed:
-        """Return the sizes as a result states them; relative ones in ppm, since 2e-7 is nothing in the six decimals of a result."""
+        """Return the sizes as a result states them; relative ones in ppm, since 2e-7 is nothing in
+        the six decimals of a result."""
         sizes = asdict(self)
         index, index_setup = (1e6 * sizes.pop(name) for name in ("index", "index_setup"))
         return Assumed(index_ppm=index, index_setup_ppm=index_setup, **sizes)
@@ -98,5 +123,6 @@ class Assumptions:
 
 
 def usual_sizes(machine: str = "ordinary", feedback: str = "screw") -> dict[str, float]:
-    """Return the usual sizes of a class of machine with a position feedback, by their names in `Assumptions`."""
+    """Return the usual sizes of a class of machine with a position feedback, by their names in
+    `Assumptions`."""
     return {**CLASSES[machine], "between_um": FEEDBACKS[feedback][machine]}

@@ -66,7 +66,8 @@ def write_through(path: Path, data: bytes) -> None:
 
 
 def publish_new(written: Path, target: Path) -> None:
-    """Give a written file a name that is free. Raises FileExistsError where it is taken, OSError for what the disk refuses."""
+    """Give a written file a name that is free. Raises FileExistsError where it is taken, OSError
+    for what the disk refuses."""
     try:
         target.hardlink_to(written)
     except FileExistsError:
@@ -80,7 +81,11 @@ def _of_target(target: Path) -> list[Path]:
     """Return the hidden folders of a target, of every maker."""
     name = re.compile(re.escape(f".{target.name}.") + "[a-z0-9_]{8}" + re.escape(SUFFIX))
     with suppress(OSError), os.scandir(target.parent) as entries:
-        return [Path(entry.path) for entry in entries if name.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)]
+        return [
+            Path(entry.path)
+            for entry in entries
+            if name.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
+        ]
     return []
 
 

@@ -17,7 +17,9 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 LINUX = sys.platform == "linux"
-NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+NEW_FILE = (
+    os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+)
 """Flags of a new file whose bytes are written unchanged: without O_BINARY Windows puts a return
 before each line feed.
 """
@@ -32,7 +34,8 @@ def sync_file(descriptor: int) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk. Raises OSError. Windows opens no folder: there the file system's journal has to do."""
+    """Have the names in a folder on the disk. Raises OSError. Windows opens no folder: there the
+    file system's journal has to do."""
     if FOLDERS_OPEN:
         handle = os.open(folder, _FOLDER)
         try:
@@ -44,7 +47,8 @@ def sync_folder(folder: Path) -> None:
 def lock(descriptor: int, *, shared: bool = False) -> None:
     """Lock an open file or folder for this process.
 
-    Raises BlockingIOError where another process holds it, OSError where the file system or the operating system has no such locks.
+    Raises BlockingIOError where another process holds it, OSError where the file system or the
+    operating system has no such locks.
     """
     if fcntl is None:
         raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
@@ -52,7 +56,8 @@ def lock(descriptor: int, *, shared: bool = False) -> None:
 
 
 def open_folder(folder: Path) -> int:
-    """Return a descriptor of a folder, of no link to one. Raises OSError, as Windows does for every folder."""
+    """Return a descriptor of a folder, of no link to one. Raises OSError, as Windows does for every
+    folder."""
     return os.open(folder, _FOLDER | getattr(os, "O_NOFOLLOW", 0))
 
 

@@ -1,4 +1,5 @@
 """The table of readings: the door for data, and the runs of a plan.
 
-In: CSV text or rows. Out: validated readings, their unbroken stretches and their travel. Imported by daq and the solver.
+In: CSV text or rows. Out: validated readings, their unbroken stretches and their travel. Imported
+by daq and the solver.
 """

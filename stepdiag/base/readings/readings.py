@@ -21,11 +21,14 @@ MOST_READINGS = 300_000
 OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
 AT_20_C = "at_20_c"
-"""1 where a reading was brought from ``temperature_c`` to 20 C before; 0 or empty where it stands as measured."""
+"""1 where a reading was brought from ``temperature_c`` to 20 C before; 0 or empty where it stands
+as measured."""
 TURNED = "turned"
-"""1 at the first stop of a pass where it is the reading at which the pass before ended: the machine turned round there."""
+"""1 at the first stop of a pass where it is the reading at which the pass before ended: the machine
+turned round there."""
 NO_ZERO = -1
-"""A reading whose count is not known to reach beyond its pass: it is relative to the pass's first stop."""
+"""A reading whose count is not known to reach beyond its pass: it is relative to the pass's first
+stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
 """Largest share of missing stops within a pass: it is solved without them."""
@@ -87,7 +90,8 @@ class Readings:
         return len(self.setup)
 
     def passes(self) -> dict[PassKey, NDArray[np.int64]]:
-        """Return the rows of every pass in the order of its stops; passes in the order of `SETUP_NAMES`, then by number.
+        """Return the rows of every pass in the order of its stops; passes in the order of
+        `SETUP_NAMES`, then by number.
 
         Raises ``UsageError`` for an unknown setup name.
         """
@@ -95,9 +99,14 @@ class Readings:
         place = {name: index for index, name in enumerate(names)}
         setup = np.array([place[name] for name in self.setup], dtype=np.int64)
         order = np.lexsort((self.stop, self.pass_number, setup))
-        begins = np.flatnonzero((np.diff(setup[order]) != 0) | (np.diff(self.pass_number[order]) != 0)) + 1
+        begins = (
+            np.flatnonzero((np.diff(setup[order]) != 0) | (np.diff(self.pass_number[order]) != 0))
+            + 1
+        )
         parts = np.split(order, begins) if len(order) else []
-        return {PassKey(self.setup[rows[0]], int(self.pass_number[rows[0]])): rows for rows in parts}
+        return {
+            PassKey(self.setup[rows[0]], int(self.pass_number[rows[0]])): rows for rows in parts
+        }
 
     def select(self, rows: NDArray[np.int64] | Sequence[int]) -> "Readings":
         """Return the readings of these rows, in this order."""
@@ -133,7 +142,8 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     at_20_c: Sequence[bool] | NDArray[np.bool_] | None = None,
     turned: Sequence[bool] | NDArray[np.bool_] | None = None,
 ) -> Readings:
-    """Return readings from columns; what is left out is NaN, `NO_ZERO`, or as measured. Raises ``ValueError`` where the lengths differ."""
+    """Return readings from columns; what is left out is NaN, `NO_ZERO`, or as measured. Raises
+    ``ValueError`` where the lengths differ."""
     count = len(setup)
     return Readings(
         setup=tuple(setup),
@@ -144,32 +154,47 @@ def make_readings(  # noqa: PLR0913 - one argument a column
         u_um=_column(u_um, count),
         temperature_c=_column(temperature_c, count),
         time_s=_column(time_s, count),
-        beam_mm=np.full((count, 3), np.nan) if beam_mm is None else np.asarray(beam_mm, dtype=np.float64).reshape(count, 3),
-        zero=np.full(count, NO_ZERO, dtype=np.int64) if zero is None else np.asarray(zero, dtype=np.int64).reshape(count),
+        beam_mm=np.full((count, 3), np.nan)
+        if beam_mm is None
+        else np.asarray(beam_mm, dtype=np.float64).reshape(count, 3),
+        zero=np.full(count, NO_ZERO, dtype=np.int64)
+        if zero is None
+        else np.asarray(zero, dtype=np.int64).reshape(count),
         at_20_c=_flags(at_20_c, count),
         turned=_flags(turned, count),
     )
 
 
 def _flags(values: Sequence[bool] | NDArray[np.bool_] | None, count: int) -> NDArray[np.bool_]:
-    return np.zeros(count, dtype=np.bool_) if values is None else np.asarray(values, dtype=np.bool_).reshape(count)
+    return (
+        np.zeros(count, dtype=np.bool_)
+        if values is None
+        else np.asarray(values, dtype=np.bool_).reshape(count)
+    )
 
 
 def _column(values: Sequence[float] | Vector | None, count: int) -> Vector:
-    return np.full(count, np.nan) if values is None else np.asarray(values, dtype=np.float64).reshape(count)
+    return (
+        np.full(count, np.nan)
+        if values is None
+        else np.asarray(values, dtype=np.float64).reshape(count)
+    )
 
 
 def parse_readings(text: str, source: str = "readings.csv") -> Readings:
     """Return the readings of a CSV (contract 4), rows sorted by setup, pass and stop.
 
-    A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted, further columns are ignored, ``diagonal``
-    stands for ``setup``, and without a ``pass`` column everything is pass 1. The beam line may be given in ``beam_x_mm, beam_y_mm,
-    beam_z_mm``. Raises ``DataError`` that names the line, or setup, pass and stop.
+    A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted, further
+    columns are ignored, ``diagonal`` stands for ``setup``, and without a ``pass`` column everything
+    is pass 1. The beam line may be given in ``beam_x_mm, beam_y_mm, beam_z_mm``. Raises
+    ``DataError`` that names the line, or setup, pass and stop.
     """
     required = [name for name in REQUIRED if name != "pass"]
     rows = [
         _Row.parse(f"{source}: line {number}", fields)
-        for number, fields in read_table(text, source, required, {"diagonal": "setup"}, MOST_READINGS)
+        for number, fields in read_table(
+            text, source, required, {"diagonal": "setup"}, MOST_READINGS
+        )
     ]
     readings = make_readings(
         setup=[row.setup for row in rows],
@@ -197,7 +222,12 @@ def in_mm(readings: Readings, source: str) -> Readings:
     if reads_like_metres(size_mm.tolist()):
         found = " x ".join(f"{each:g}" for each in size_mm)
         remedy = message("reads-like-metres")
-        raise DataError(f"{source}: x_mm, y_mm, z_mm", expected=message("in-mm"), found=message("volume-of", size=found), remedy=remedy)
+        raise DataError(
+            f"{source}: x_mm, y_mm, z_mm",
+            expected=message("in-mm"),
+            found=message("volume-of", size=found),
+            remedy=remedy,
+        )
     return readings
 
 
@@ -219,14 +249,23 @@ class _Row(NamedTuple):
     def parse(cls, where: str, fields: dict[str, str]) -> "_Row":
         beam_mm = [number_in(fields, name, where, optional=True) for name in BEAM]
         if 0 < sum(map(math.isnan, beam_mm)) < 3:
-            raise DataError(f"{where}: beam", expected=message("all-of", names=BEAM), found=message("some-empty"))
+            raise DataError(
+                f"{where}: beam",
+                expected=message("all-of", names=BEAM),
+                found=message("some-empty"),
+            )
         return cls(
             setup=_setup_name(fields["setup"], where),
             pass_number=whole_number_in(fields, "pass", where, least=1) if "pass" in fields else 1,
             stop=whole_number_in(fields, "stop", where, least=0),
             position_mm=[number_in(fields, name, where) for name in ("x_mm", "y_mm", "z_mm")],
             reading_mm=number_in(fields, "reading_mm", where),
-            optional=[number_in(fields, name, where, optional=True, least=0.0 if name == "u_um" else -math.inf) for name in OPTIONAL],
+            optional=[
+                number_in(
+                    fields, name, where, optional=True, least=0.0 if name == "u_um" else -math.inf
+                )
+                for name in OPTIONAL
+            ],
             beam_mm=beam_mm,
             zero=whole_number_in(fields, ZERO, where, least=0) if fields.get(ZERO, "") else NO_ZERO,
             at_20_c=_yes_or_no(fields, AT_20_C, where),
@@ -245,21 +284,34 @@ def _setup_name(name: str, where: str) -> str:
     try:
         return setup_of(name, names=SETUP_NAMES).name
     except UsageError as error:
-        raise DataError(f"{where}: setup", expected=error.expected, found=error.found, remedy=error.remedy) from None
+        raise DataError(
+            f"{where}: setup", expected=error.expected, found=error.found, remedy=error.remedy
+        ) from None
 
 
-def _refuse_gaps(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:
-    """Refuse a stop given twice, and a pass without its first stop or with too many left out within it."""
+def _refuse_gaps(
+    readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
+) -> None:
+    """Refuse a stop given twice, and a pass without its first stop or with too many left out within
+    it."""
     for key, rows in passes.items():
         stops = readings.stop[rows]
         where = f"{source}: {key}"
         twice = np.flatnonzero(np.diff(stops) == 0)
         if len(twice):
             remedy = message("own-number")
-            raise DataError(where, expected=message("stop-once", stop=stops[twice[0]]), found=message("it-twice"), remedy=remedy)
+            raise DataError(
+                where,
+                expected=message("stop-once", stop=stops[twice[0]]),
+                found=message("it-twice"),
+                remedy=remedy,
+            )
         if stops[0] != 0:
             raise DataError(
-                where, expected=message("first-stop"), found=message("in-place", stop=stops[0]), remedy=message("relative-to-first")
+                where,
+                expected=message("first-stop"),
+                found=message("in-place", stop=stops[0]),
+                remedy=message("relative-to-first"),
             )
         missing = int(stops[-1]) + 1 - len(stops)
         if missing > max(1, int(MOST_MISSING * len(stops))):
@@ -274,7 +326,9 @@ def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.setdiff1d(np.arange(int(stops[-1])), stops)
 
 
-def _refuse_half_zeros(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:
+def _refuse_half_zeros(
+    readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
+) -> None:
     """Refuse a pass whose stops belong to a stretch of the count in part only: the reference of the
     others is unknown.
     """
@@ -288,15 +342,24 @@ def _refuse_half_zeros(readings: Readings, passes: Mapping[PassKey, NDArray[np.i
 
 
 def render_readings(readings: Readings) -> str:
-    """Return the CSV of contract 4: columns that hold nothing are left out, LF line ends, same bytes for the same readings.
+    """Return the CSV of contract 4: columns that hold nothing are left out, LF line ends, same
+    bytes for the same readings.
 
     Positions are written to 0.1 nm, readings to a picometre, the rest to six decimals.
     """
-    optional = {name: getattr(readings, name) for name in OPTIONAL if np.isfinite(getattr(readings, name)).any()}
+    optional = {
+        name: getattr(readings, name)
+        for name in OPTIONAL
+        if np.isfinite(getattr(readings, name)).any()
+    }
     beam = np.isfinite(readings.beam_mm).any()
     zeros = bool(np.any(readings.zero != NO_ZERO))
     out = io.StringIO()
-    flags = {name: column for name, column in ((AT_20_C, readings.at_20_c), (TURNED, readings.turned)) if column.any()}
+    flags = {
+        name: column
+        for name, column in ((AT_20_C, readings.at_20_c), (TURNED, readings.turned))
+        if column.any()
+    }
     header = (*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()), *flags)
     out.write(",".join(header) + "\n")
     for row in _ordered_rows(readings):
@@ -304,7 +367,9 @@ def render_readings(readings: Readings) -> str:
         fields += [_decimal(value, 7) for value in readings.position_mm[row]]
         fields.append(_decimal(readings.reading_mm[row], 9))
         fields += [_decimal(column[row], 6) for column in optional.values()]
-        fields += [str(readings.zero[row]) if readings.zero[row] != NO_ZERO else ""] if zeros else []
+        fields += (
+            [str(readings.zero[row]) if readings.zero[row] != NO_ZERO else ""] if zeros else []
+        )
         fields += [_decimal(value, 7) for value in readings.beam_mm[row]] if beam else []
         fields += [str(int(column[row])) for column in flags.values()]
         out.write(",".join(fields) + "\n")

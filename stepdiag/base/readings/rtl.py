@@ -31,9 +31,11 @@ _A_LINE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rtl:
-    """A file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs (first, third ...) outward, even ones back.
+    """A file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs (first, third ...)
+    outward, even ones back.
 
-    ``texts`` are its keys with their values, in lower case keys; of a key that comes twice the first.
+    ``texts`` are its keys with their values, in lower case keys; of a key that comes twice the
+    first.
     """
 
     targets_mm: Vector
@@ -44,12 +46,20 @@ class Rtl:
     @property
     def axis(self) -> str:
         """Return the axis named by the file: x, y, z; empty for none of them."""
-        named = self.texts.get("axis", "").strip().lower().removesuffix("-axis").removesuffix(" axis").strip()
+        named = (
+            self.texts.get("axis", "")
+            .strip()
+            .lower()
+            .removesuffix("-axis")
+            .removesuffix(" axis")
+            .strip()
+        )
         return named if named in ("x", "y", "z") else ""
 
 
 def parse_rtl(text: str, source: str) -> Rtl:
-    """Return the content of a file. Raises DataError where a section or a value is missing, doubled or not one of lengths."""
+    """Return the content of a file. Raises DataError where a section or a value is missing, doubled
+    or not one of lengths."""
     sections = _sections(text, source)
     texts: dict[str, str] = {}
     for lines in sections.values():
@@ -65,9 +75,15 @@ def parse_rtl(text: str, source: str) -> Rtl:
         run, target, deviation = _row(line, where)
         if not (1 <= run <= runs and 1 <= target <= len(targets)):
             expected = message("runs-and-targets", runs=runs, targets=len(targets))
-            raise DataError(where, expected=expected, found=message("run-target", run=run, target=target))
+            raise DataError(
+                where, expected=expected, found=message("run-target", run=run, target=target)
+            )
         if not np.isnan(deviations[run - 1, target - 1]):
-            raise DataError(where, expected=message("every-target-once-run"), found=message("run-target-again", run=run, target=target))
+            raise DataError(
+                where,
+                expected=message("every-target-once-run"),
+                found=message("run-target-again", run=run, target=target),
+            )
         deviations[run - 1, target - 1] = deviation
     missing = np.argwhere(np.isnan(deviations))
     if len(missing):
@@ -91,16 +107,25 @@ def _sections(text: str, source: str) -> dict[str, list[str]]:
             continue
         name = found["name"].upper().strip()
         if name in sections and name != "EOF":
-            raise DataError(f"{source}: {name}", expected=message("every-section-once"), found="twice")
+            raise DataError(
+                f"{source}: {name}", expected=message("every-section-once"), found="twice"
+            )
         sections[name] = []
     for needed in ("TARGET DATA", "RUNS", "DEVIATIONS"):
         if needed not in sections:
             found_names = ", ".join(each for each in sections if each) or "none"
             raise DataError(
-                source, expected=message("section-rtl-file", needed=needed), found=message("sections-of-file", found_names=found_names)
+                source,
+                expected=message("section-rtl-file", needed=needed),
+                found=message("sections-of-file", found_names=found_names),
             )
     if "EOF" not in sections:
-        raise DataError(source, expected=message("eof-at-end"), found=message("none"), remedy=message("file-was-cut-off"))
+        raise DataError(
+            source,
+            expected=message("eof-at-end"),
+            found=message("none"),
+            remedy=message("file-was-cut-off"),
+        )
     return sections
 
 
@@ -110,14 +135,21 @@ def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
         text = texts.get(key, "").lower()
         if key != "title" and any(word in text for word in _OTHER):
             remedy = message("straightness-angles-rtl-are")
-            raise DataError(f"{source}: {key}", expected=message("lengths-linear-measurement"), found=repr(texts[key]), remedy=remedy)
+            raise DataError(
+                f"{source}: {key}",
+                expected=message("lengths-linear-measurement"),
+                found=repr(texts[key]),
+                remedy=remedy,
+            )
 
 
 def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
     text = texts.get(key, "")
     if not text.isascii() or not text.isdecimal() or not 1 <= int(text[:9]) <= most:
         raise DataError(
-            f"{source}: {key}", expected=message("whole-number-from-one", most=most), found=repr(text) if text else message("nothing")
+            f"{source}: {key}",
+            expected=message("whole-number-from-one", most=most),
+            found=repr(text) if text else message("nothing"),
         )
     return int(text)
 
@@ -125,18 +157,38 @@ def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
 def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source: str) -> Vector:
     count = _count(texts, "target-count", MOST_TARGETS, source)
     lines = sections["TARGET DATA"]
-    begin = next((number for number, line in enumerate(lines) if line.strip().lower().startswith("targets")), None)
+    begin = next(
+        (number for number, line in enumerate(lines) if line.strip().lower().startswith("targets")),
+        None,
+    )
     if begin is None:
-        raise DataError(f"{source}: TARGET DATA", expected=message("line-targets"), found=message("none"))
-    end = next((number for number, line in enumerate(lines[begin + 1 :], begin + 1) if ":" in line), len(lines))
-    words = [word for line in (lines[begin].partition(":")[2], *lines[begin + 1 : end]) for word in line.split()]
+        raise DataError(
+            f"{source}: TARGET DATA", expected=message("line-targets"), found=message("none")
+        )
+    end = next(
+        (number for number, line in enumerate(lines[begin + 1 :], begin + 1) if ":" in line),
+        len(lines),
+    )
+    words = [
+        word
+        for line in (lines[begin].partition(":")[2], *lines[begin + 1 : end])
+        for word in line.split()
+    ]
     targets = [_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)]
     if len(targets) != count or count < 2:
-        raise DataError(f"{source}: Targets", expected=message("target-count-numbers-two", count=count), found=str(len(targets)))
+        raise DataError(
+            f"{source}: Targets",
+            expected=message("target-count-numbers-two", count=count),
+            found=str(len(targets)),
+        )
     found = np.array(targets)
     steps = np.diff(found)
     if not ((steps > 0).all() or (steps < 0).all()):
-        raise DataError(f"{source}: Targets", expected=message("targets-rise-fall-all"), found=message("other-ones"))
+        raise DataError(
+            f"{source}: Targets",
+            expected=message("targets-rise-fall-all"),
+            found=message("other-ones"),
+        )
     return found
 
 
@@ -154,17 +206,27 @@ def _rows(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int,
 
 def _row(line: str, where: str) -> tuple[int, int, float]:
     words = line.split()
-    if len(words) != 3 or not (words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9):
-        raise DataError(where, expected=message("run-target-deviation"), found=repr(excerpt(line.strip())))
+    if len(words) != 3 or not (
+        words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9
+    ):
+        raise DataError(
+            where, expected=message("run-target-deviation"), found=repr(excerpt(line.strip()))
+        )
     deviation = _number(words[2], where)
     if abs(deviation) > LARGEST_DEVIATION_UM:
-        raise DataError(where, expected=message("deviation-um-below", largest_deviation_um=LARGEST_DEVIATION_UM), found=words[2])
+        raise DataError(
+            where,
+            expected=message("deviation-um-below", largest_deviation_um=LARGEST_DEVIATION_UM),
+            found=words[2],
+        )
     return int(words[0]), int(words[1]), deviation
 
 
 def _number(word: str, where: str) -> float:
     if not _NUMBER.fullmatch(word) or abs(float(word)) > LARGEST:
-        raise DataError(where, expected=message("number-with-decimal-point"), found=repr(excerpt(word)))
+        raise DataError(
+            where, expected=message("number-with-decimal-point"), found=repr(excerpt(word))
+        )
     return float(word)
 
 
@@ -176,16 +238,24 @@ def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
     return flags[:4] != ["0", "1", "2", "0"] if len(flags) >= 4 else runs > 1
 
 
-def rtl_readings(file: Rtl, setup: str, at_mm: Sequence[float], source: str) -> tuple[list[tuple[int, int, tuple[float, ...], float]], str]:
+def rtl_readings(
+    file: Rtl, setup: str, at_mm: Sequence[float], source: str
+) -> tuple[list[tuple[int, int, tuple[float, ...], float]], str]:
     """Return the rows (pass, stop, position, reading in mm) of a linear run, and the setup's name.
 
-    ``setup`` names the axis where the file does not (``linear-x``), ``at_mm`` (3,) is a point of the line: its coordinate along the axis
-    does not count. Raises UsageError where the axis is not known or the file names another.
+    ``setup`` names the axis where the file does not (``linear-x``), ``at_mm`` (3,) is a point of
+    the line: its coordinate along the axis does not count. Raises UsageError where the axis is not
+    known or the file names another.
     """
     axis = setup.removeprefix("linear-") if setup else file.axis
     if not axis or (file.axis and file.axis != axis):
         found = message("spot-axis", number=repr(file.texts.get("axis", "")))
-        raise UsageError(source, expected=message("axis-x-y-z"), found=found, remedy=message("name-linear-x-file"))
+        raise UsageError(
+            source,
+            expected=message("axis-x-y-z"),
+            found=found,
+            remedy=message("name-linear-x-file"),
+        )
     index = "xyz".index(axis)
     last = len(file.targets_mm) - 1
     rows = []
@@ -197,60 +267,109 @@ def rtl_readings(file: Rtl, setup: str, at_mm: Sequence[float], source: str) -> 
         for stop, target in enumerate(order):
             position = [float(each) for each in at_mm]
             position[index] = float(file.targets_mm[target])
-            rows.append((number, stop, tuple(position), float(file.targets_mm[target] + deviations[target] * 1e-3 - first)))
+            rows.append(
+                (
+                    number,
+                    stop,
+                    tuple(position),
+                    float(file.targets_mm[target] + deviations[target] * 1e-3 - first),
+                )
+            )
     return rows, f"linear-{axis}"
 
 
-def with_runs(readings: Readings, runs: Sequence[tuple[str, list[tuple[int, int, tuple[float, ...], float]]]], source: str) -> Readings:
-    """Return readings with linear runs added. Raises UsageError where a setup is there already or lies outside of the volume."""
+def with_runs(
+    readings: Readings,
+    runs: Sequence[tuple[str, list[tuple[int, int, tuple[float, ...], float]]]],
+    source: str,
+) -> Readings:
+    """Return readings with linear runs added. Raises UsageError where a setup is there already or
+    lies outside of the volume."""
     from stepdiag.base.readings.readings import make_readings
 
     low, high = readings.position_mm.min(axis=0), readings.position_mm.max(axis=0)
-    columns: dict[str, list[object]] = {name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm")}
+    columns: dict[str, list[object]] = {
+        name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm")
+    }
     for setup, rows in runs:
         if setup in (*readings.setup, *columns["setup"]):
-            raise UsageError(source, expected=message("setup-once", setup=setup), found=message("twice-readings-two-files"))
+            raise UsageError(
+                source,
+                expected=message("setup-once", setup=setup),
+                found=message("twice-readings-two-files"),
+            )
         for number, stop, position, reading in rows:
             if (np.array(position) < low - 1.0).any() or (np.array(position) > high + 1.0).any():
                 place = ", ".join(f"{each:g}" for each in position)
                 volume = " to ".join(str(np.round(each, 3).tolist()) for each in (low, high))
                 remedy = message("targets-count-machine-coordinates")
                 raise UsageError(
-                    f"{source}: {setup}", expected=message("targets-within-mm", volume=volume), found=f"({place})", remedy=remedy
+                    f"{source}: {setup}",
+                    expected=message("targets-within-mm", volume=volume),
+                    found=f"({place})",
+                    remedy=remedy,
                 )
             for name, value in zip(columns, (setup, number, stop, position, reading), strict=True):
                 columns[name].append(value)
     added = make_readings(**columns)  # type: ignore[arg-type]
     others = [name for name in Readings.__dataclass_fields__ if name != "setup"]
-    joined = {name: np.concatenate([getattr(readings, name), getattr(added, name)]) for name in others}
+    joined = {
+        name: np.concatenate([getattr(readings, name), getattr(added, name)]) for name in others
+    }
     return Readings(setup=(*readings.setup, *added.setup), **joined)
 
 
 def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
-    """Return the passes of a linear run as an .rtl file, CRLF, for the maker's programs. ``texts`` go into USER-TEXT.
+    """Return the passes of a linear run as an .rtl file, CRLF, for the maker's programs. ``texts``
+    go into USER-TEXT.
 
     Raises DataError where the passes do not visit the same targets.
     """
     index = "xyz".index(setup[-1])
     passes = {key.number: rows for key, rows in readings.passes().items() if key.setup == setup}
     if 1 not in passes:
-        raise DataError(setup, expected=message("outward-pass"), found=message("these-passes", passes=sorted(passes)))
+        raise DataError(
+            setup,
+            expected=message("outward-pass"),
+            found=message("these-passes", passes=sorted(passes)),
+        )
     targets = readings.position_mm[passes[1], index]
     deviations = []
     for number, rows in sorted(passes.items()):
         at, off = readings.position_mm[rows, index], readings.reading_mm[rows]
         outward = PassKey(setup, number).outward
         if len(at) != len(targets) or np.abs((at if outward else at[::-1]) - targets).max() > 1e-3:
-            raise DataError(f"{setup}, pass {number}", expected=message("targets-first-pass"), found=message("other-ones"))
+            raise DataError(
+                f"{setup}, pass {number}",
+                expected=message("targets-first-pass"),
+                found=message("other-ones"),
+            )
         run = (off - off[0] - (at - at[0])) * 1e3
         deviations.append(run if outward else run[::-1])
     return _written(setup[-1].upper(), targets, deviations, both_ways=len(passes) > 1, texts=texts)
 
 
-def _written(axis: str, targets: Vector, deviations: Sequence[Vector], *, both_ways: bool, texts: Mapping[str, str]) -> str:
-    lines = ["HEADER::", "File type : Linear", "Owner : stepdiag", "Version no : 1", "TARGET DATA::", "Filetype : ISO"]
+def _written(
+    axis: str,
+    targets: Vector,
+    deviations: Sequence[Vector],
+    *,
+    both_ways: bool,
+    texts: Mapping[str, str],
+) -> str:
+    lines = [
+        "HEADER::",
+        "File type : Linear",
+        "Owner : stepdiag",
+        "Version no : 1",
+        "TARGET DATA::",
+        "Filetype : ISO",
+    ]
     lines += [f"Target-count : {len(targets)}", "Targets :"]
-    lines += [" ".join(f"{value:.6f}" for value in targets[first : first + _A_LINE]) for first in range(0, len(targets), _A_LINE)]
+    lines += [
+        " ".join(f"{value:.6f}" for value in targets[first : first + _A_LINE])
+        for first in range(0, len(targets), _A_LINE)
+    ]
     lines += [f"Flags : {'0 0 2 0' if both_ways else '0 1 2 0'}", "USER-TEXT::", f"Axis : {axis}"]
     lines += [f"{key} : {' '.join(value.split())}" for key, value in texts.items()]
     lines += ["RUNS::", f"Run-count : {len(deviations)}", "DEVIATIONS::", "Run Target Data:"]

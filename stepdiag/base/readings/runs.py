@@ -75,7 +75,8 @@ class Plan:
     pace: Pace = Pace()
 
     def with_runs(self, *added: Run) -> "Plan":
-        """Return the plan with further runs; a second run of a setup gets the next free number (``ppp+1``)."""
+        """Return the plan with further runs; a second run of a setup gets the next free number
+        (``ppp+1``)."""
         runs = list(self.runs)
         for run in added:
             taken = {other.setup for other in runs}
@@ -91,7 +92,8 @@ class Plan:
 
 
 def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
-    """Return the commanded positions of a pass of a run in the order of travel, shape (stops, 3)."""
+    """Return the commanded positions of a pass of a run in the order of travel, shape (stops,
+    3)."""
     setup, order = run.travel, order_of(plan, run, number)
     signs, size = np.array(setup.signs), np.array(plan.volume.size_mm)
     if run.targets and setup.kind == "linear":
@@ -123,7 +125,8 @@ def _nodes(n: int, setup: Setup, order: str) -> NDArray[np.int64]:
 
 
 def run_minutes(plan: Plan, run: Run) -> float:
-    """Return the minutes of a run: setting up, travel at feed, a dwell at each stop, the overrun at both ends of a pass."""
+    """Return the minutes of a run: setting up, travel at feed, a dwell at each stop, the overrun at
+    both ends of a pass."""
     pace = plan.pace
     stops = run_stops_mm(plan, run)
     travel_mm = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()) + 4 * pace.overrun_mm
@@ -157,7 +160,9 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     """
     laser = [run for run in plan.runs if not run.is_fourdof]
     if not laser:
-        raise UsageError("plan: setups", expected=message("at-least-one-run"), found=message("none"))
+        raise UsageError(
+            "plan: setups", expected=message("at-least-one-run"), found=message("none")
+        )
     parts = [part for run in laser for part in _passes(plan, run)]
     count = sum(len(stops) for _, _, stops, _ in parts)
     return make_readings(
@@ -165,14 +170,17 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
         pass_number=np.concatenate([np.full(len(stops), number) for _, number, stops, _ in parts]),
         stop=np.concatenate([np.arange(len(stops)) for _, _, stops, _ in parts]),
         position_mm=np.vstack([stops for _, _, stops, _ in parts]),
-        reading_mm=np.concatenate([(stops - stops[0]) @ _direction(plan, run) for run, _, stops, _ in parts]),
+        reading_mm=np.concatenate(
+            [(stops - stops[0]) @ _direction(plan, run) for run, _, stops, _ in parts]
+        ),
         u_um=np.full(count, reading_u_um),
         beam_mm=np.vstack([np.broadcast_to(beam, stops.shape) for _, _, stops, beam in parts]),
     )
 
 
 def beam_mm(plan: Plan, run: Run) -> Vector:
-    """Return a point of the beam line of a run, shape (3,): where its first stop would be on the usual line, and beside it."""
+    """Return a point of the beam line of a run, shape (3,): where its first stop would be on the
+    usual line, and beside it."""
     usual = run_stops_mm(plan, replace(run, beam_offset_mm=(0.0, 0.0, 0.0)))[0]
     beam: Vector = usual + np.array(run.beam_offset_mm)
     return beam

@@ -22,9 +22,11 @@ number lies within the scatter of the stops.
 
 
 def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None) -> Vector:
-    """Return the target of each reported position, shape (m, 3): a node, or where no node is near the mean of the positions there.
+    """Return the target of each reported position, shape (m, 3): a node, or where no node is near
+    the mean of the positions there.
 
-    ``tolerance_mm`` (3,) is how far beside its target a stop may lie, by default as the volume has it.
+    ``tolerance_mm`` (3,) is how far beside its target a stop may lie, by default as the volume has
+    it.
     """
     snapped = position_mm.copy()
     # a stop and the box, or two stops, each with their tolerance
@@ -32,7 +34,11 @@ def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None 
     for axis in range(3):
         nodes = volume.nodes_mm(axis)
         step = float(volume.length_mm[axis]) / volume.increments
-        nearest = nodes[np.clip(np.rint((position_mm[:, axis] - nodes[0]) / step), 0, volume.increments).astype(np.int64)]
+        nearest = nodes[
+            np.clip(np.rint((position_mm[:, axis] - nodes[0]) / step), 0, volume.increments).astype(
+                np.int64
+            )
+        ]
         on_node = np.abs(position_mm[:, axis] - nearest) <= near_mm[axis]
         snapped[on_node, axis] = nearest[on_node]
         snapped[~on_node, axis] = _clustered(position_mm[~on_node, axis], float(near_mm[axis]))
@@ -48,7 +54,9 @@ def _clustered(position_mm: Vector, near_mm: float) -> Vector:
     order = np.argsort(position_mm, kind="stable")
     number = np.empty(len(order), dtype=np.int64)
     number[order] = np.cumsum(np.diff(position_mm[order], prepend=position_mm[order[0]]) > near_mm)
-    mean: Vector = np.round(np.bincount(number, weights=position_mm) / np.bincount(number), 6)[number]
+    mean: Vector = np.round(np.bincount(number, weights=position_mm) / np.bincount(number), 6)[
+        number
+    ]
     return mean
 
 
@@ -58,9 +66,13 @@ def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector)
     """
     known = np.unique(np.concatenate([target_mm, volume.nodes_mm(axis)]))
     above = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
-    nearest = np.where(position_mm - known[above - 1] < known[above] - position_mm, known[above - 1], known[above])
+    nearest = np.where(
+        position_mm - known[above - 1] < known[above] - position_mm, known[above - 1], known[above]
+    )
     near_mm = 2.0 * float(volume.tolerance_mm[axis])
-    return np.where(np.abs(nearest - position_mm) <= near_mm, nearest, _clustered(position_mm, near_mm))
+    return np.where(
+        np.abs(nearest - position_mm) <= near_mm, nearest, _clustered(position_mm, near_mm)
+    )
 
 
 def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, float]:
@@ -94,7 +106,9 @@ def _rounded(edge_mm: float, slack_mm: float) -> float:
     return round(edge_mm, 6) + 0.0
 
 
-def arrivals(position_mm: Vector, pass_index: NDArray[np.int64], turned: NDArray[np.bool_]) -> NDArray[np.int64]:
+def arrivals(
+    position_mm: Vector, pass_index: NDArray[np.int64], turned: NDArray[np.bool_]
+) -> NDArray[np.int64]:
     """Return the move that brought each axis to its target, numbered over the survey, -1 for an
     axis that stands in its pass, shape (m, 3).
 

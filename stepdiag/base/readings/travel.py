@@ -14,19 +14,31 @@ from stepdiag.base.volume import Vector, Volume
 SHORTEST_MOVE_MM = 0.05
 """Of an axis along which a run has targets of its own."""
 LASER_TOLERANCE = 0.1
-"""The travel of the laser agrees with the nominal travel within a tenth: far beyond any machine error, far below a wrong unit."""
+"""The travel of the laser agrees with the nominal travel within a tenth: far beyond any machine
+error, far below a wrong unit."""
 
 
-def check_route(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], volume: Volume, source: str) -> None:
+def check_route(
+    readings: Readings,
+    setup: Setup,
+    key: PassKey,
+    rows: NDArray[np.int64],
+    volume: Volume,
+    source: str,
+) -> None:
     """Raise ``DataError`` where the positions of a pass are not the stops of its setup."""
     where = f"{source}: {key}"
     position = readings.position_mm[rows]
     if len(rows) < 2:
-        raise DataError(where, expected=message("two-stops"), found=f"{len(rows)}", remedy=message("first-and"))
+        raise DataError(
+            where, expected=message("two-stops"), found=f"{len(rows)}", remedy=message("first-and")
+        )
     signs = np.array(setup.signs) * (1 if key.outward else -1)
     if setup.kind == "linear":
         signs = signs * int(np.sign(np.sum((position[-1] - position[0]) * signs)) or 1)
-    _check_each_move(setup, position, readings.stop[rows], signs, _least_move_mm(setup, volume), where)
+    _check_each_move(
+        setup, position, readings.stop[rows], signs, _least_move_mm(setup, volume), where
+    )
     _check_steps(setup, position, readings.stop[rows], volume, where)
     _check_ends(setup, position, signs, volume, where)
 
@@ -40,7 +52,12 @@ def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
 
 
 def _check_each_move(
-    setup: Setup, position: Vector, stop: NDArray[np.int64], signs: NDArray[np.int64], least_mm: Vector, where: str
+    setup: Setup,
+    position: Vector,
+    stop: NDArray[np.int64],
+    signs: NDArray[np.int64],
+    least_mm: Vector,
+    where: str,
 ) -> None:
     """Check that every move goes the way of the setup; step diagonals move one axis at a time, over
     a missing stop several.
@@ -51,10 +68,14 @@ def _check_each_move(
     most = np.count_nonzero(signs) if setup.kind in ("step", "face") else 1
     crowded = moving.sum(axis=1) != (np.minimum(steps, most) if setup.kind != "body" else 3)
     for index in np.flatnonzero(wrong_way.any(axis=1) | crowded).tolist():
-        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or message(
-            "without-move"
+        found = ", ".join(
+            f"{'XYZ'[axis]} by {moves[index, axis]:g} mm"
+            for axis in range(3)
+            if moving[index, axis]
+        ) or message("without-move")
+        allowed = " or ".join(
+            f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis]
         )
-        allowed = " or ".join(f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis])
         remedy = message("stop-out-of-order")
         raise DataError(
             message("place-stop", run=where, stop=stop[index + 1]),
@@ -66,7 +87,9 @@ def _check_each_move(
         )
 
 
-def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume: Volume, where: str) -> None:
+def _check_steps(
+    setup: Setup, position: Vector, stop: NDArray[np.int64], volume: Volume, where: str
+) -> None:
     """A step diagonal moves every axis once in each step, by equal increments."""
     if setup.kind not in ("step", "face"):
         return
@@ -74,7 +97,12 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
     steps, left = divmod(int(stop[-1]), len(moved))
     if left:
         found = message("number-of-stops", value=int(stop[-1]) + 1)
-        raise DataError(where, expected=message("moves-each", count=len(moved)), found=found, remedy=message("was-cut"))
+        raise DataError(
+            where,
+            expected=message("moves-each", count=len(moved)),
+            found=found,
+            remedy=message("was-cut"),
+        )
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
     off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
@@ -89,8 +117,11 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
         )
 
 
-def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str) -> None:
-    """A diagonal runs from corner to corner: anything shorter has another direction or a missing end."""
+def _check_ends(
+    setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str
+) -> None:
+    """A diagonal runs from corner to corner: anything shorter has another direction or a missing
+    end."""
     if setup.kind != "body":
         return
     travel = position[-1] - position[0]
@@ -99,32 +130,51 @@ def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume
         raise DataError(where, expected=message("corner-to-corner"), found=found)
 
 
-def laser_sense(readings: Readings, setup: Setup, passes: Mapping[PassKey, NDArray[np.int64]]) -> int:
-    """Return +1 where the reading of a setup grows along its direction, -1 for a linear run measured from its high end.
+def laser_sense(
+    readings: Readings, setup: Setup, passes: Mapping[PassKey, NDArray[np.int64]]
+) -> int:
+    """Return +1 where the reading of a setup grows along its direction, -1 for a linear run
+    measured from its high end.
 
-    A run along one axis may start at the high end with the laser there: its readings then grow towards the low end.
+    A run along one axis may start at the high end with the laser there: its readings then grow
+    towards the low end.
     """
     key, rows = next((key, rows) for key, rows in passes.items() if key.setup == setup.name)
     travel = readings.position_mm[rows[-1]] - readings.position_mm[rows[0]]
     descends = float(travel @ np.array(setup.signs)) * (1 if key.outward else -1) < 0
-    return -1 if setup.kind == "linear" and descends and _laser_ratio(readings, setup, rows) < 0 else 1
+    return (
+        -1 if setup.kind == "linear" and descends and _laser_ratio(readings, setup, rows) < 0 else 1
+    )
 
 
 def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> float:
-    """Return the median over the steps of what the laser moved by what it should have: single bad stops do not matter."""
+    """Return the median over the steps of what the laser moved by what it should have: single bad
+    stops do not matter."""
     moves = np.diff(readings.position_mm[rows], axis=0)
     extent = np.array(setup.signs) * np.abs(moves).sum(axis=0)
     nominal = moves @ extent / np.linalg.norm(extent)
     return float(np.quantile(np.diff(readings.reading_mm[rows]) / nominal, 0.5))
 
 
-def check_laser(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], sense: int, source: str) -> None:
+def check_laser(
+    readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], sense: int, source: str
+) -> None:
     """Raise ``DataError`` where the laser ran the wrong way or in another unit."""
     ratio = sense * _laser_ratio(readings, setup, rows)
     if abs(ratio - 1) <= LASER_TOLERANCE:
         return
     where = f"{source}: {key}"
     if abs(ratio + 1) <= LASER_TOLERANCE:
-        raise DataError(where, expected=message("readings-that-grow"), found=message("opposite-sign"), remedy=message("set-laser-sign"))
+        raise DataError(
+            where,
+            expected=message("readings-that-grow"),
+            found=message("opposite-sign"),
+            remedy=message("set-laser-sign"),
+        )
     remedy = message("readings-are-mm-from")
-    raise DataError(where, expected=message("steps-that-agree"), found=message("share-of-steps", ratio=ratio), remedy=remedy)
+    raise DataError(
+        where,
+        expected=message("steps-that-agree"),
+        found=message("share-of-steps", ratio=ratio),
+        remedy=remedy,
+    )

@@ -31,7 +31,8 @@ class Between(NamedTuple):
         return found
 
     def drawn_um(self, draws: int) -> Vector | None:
-        """Return what lies between the targets as drawn at each point by itself, shape (draws, N, 3), always the same; None of nothing."""
+        """Return what lies between the targets as drawn at each point by itself, shape (draws, N,
+        3), always the same; None of nothing."""
         if not self.size_um.size:
             return None
         waves = np.sqrt(self.square_um(slice(draws)))
@@ -39,12 +40,18 @@ class Between(NamedTuple):
         return waves
 
     def met(self, fields_um: Vector) -> Vector:
-        """Return the square sum of what arches of 1 um meet of the errors of fields (k, 3 N), shape (functions,)."""
-        fields, found = fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3), np.zeros(len(self.component))
+        """Return the square sum of what arches of 1 um meet of the errors of fields (k, 3 N), shape
+        (functions,)."""
+        fields, found = (
+            fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3),
+            np.zeros(len(self.component)),
+        )
         for place, component in enumerate(self.component):
             order = np.argsort(self.cell[place], kind="stable")
             first = np.flatnonzero(np.diff(self.cell[place][order], prepend=-1))
-            by_cell = np.add.reduceat(fields[:, order, component] * self.arch[place][order], first, axis=1)
+            by_cell = np.add.reduceat(
+                fields[:, order, component] * self.arch[place][order], first, axis=1
+            )
             found[place] = np.sum(by_cell**2)
         return found
 
@@ -56,7 +63,11 @@ class Between(NamedTuple):
         all deviations) do not change theirs: four increments have 36 arches in a volume, which do
         not cancel. The sum of so many is normal.
         """
-        found: Vector = 2.0 * np.sqrt(self.size_um**2 @ met) * np.random.default_rng(3).standard_normal(len(self.size_um))
+        found: Vector = (
+            2.0
+            * np.sqrt(self.size_um**2 @ met)
+            * np.random.default_rng(3).standard_normal(len(self.size_um))
+        )
         return found
 
 
@@ -83,4 +94,6 @@ def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:
         arch[place], cell[place] = 4.0 * share * (1.0 - share), low
         # a single machine: deviations hidden on an axis are hidden on the others too
         size[:, place] = sizes[alike % len(sizes)]
-    return Between(arch, cell, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size)
+    return Between(
+        arch, cell, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size
+    )

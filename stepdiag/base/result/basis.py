@@ -1,4 +1,5 @@
-"""On what a result's U and tables rest, as it stands in the result: what was taken for granted, which lengths, which point of the tool."""
+"""On what a result's U and tables rest, as it stands in the result: what was taken for granted,
+which lengths, which point of the tool."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +10,21 @@ from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written
 
 ASSUMED = (
-    "angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "growth_um_m", "index_ppm", "alignment_mrad", "between_um",
-    "u_material_c", "u_expansion_um_m_c", "shape_um", "squareness_urad", "scale_um_m",
-)  # fmt: skip
+    "angles_urad",
+    "drift_um",
+    "wander_um",
+    "repeatability_um",
+    "setup_c",
+    "growth_um_m",
+    "index_ppm",
+    "alignment_mrad",
+    "between_um",
+    "u_material_c",
+    "u_expansion_um_m_c",
+    "shape_um",
+    "squareness_urad",
+    "scale_um_m",
+)
 """The sizes that a person meets, by their names in `members.Assumed`."""
 
 Scales = tuple[tuple[str, float, float], ...]
@@ -66,9 +79,15 @@ def sizes_of(assumed: Assumed) -> dict[str, float]:
 def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
     """Return the known scales of the lengths that the tables correct, or of the other lengths."""
     entries = lengths.at_20_c if (lengths.tables == "at_20_c") is tables else lengths.as_measured
-    return tuple((axis, one.value, 2.0 * one.u) for axis, one in (entries or {}).items() if one.value is not None and one.u is not None)
+    return tuple(
+        (axis, one.value, 2.0 * one.u)
+        for axis, one in (entries or {}).items()
+        if one.value is not None and one.u is not None
+    )
 
 
 def scales_in_words(scales: Scales) -> str:
     """Return scales as a person reads them: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
-    return ", ".join(f"{axis} {with_expanded(value, expanded, sign='+')}" for axis, value, expanded in scales)
+    return ", ".join(
+        f"{axis} {with_expanded(value, expanded, sign='+')}" for axis, value, expanded in scales
+    )

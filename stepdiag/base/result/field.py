@@ -1,4 +1,5 @@
-"""The error of the tool at any point of the volume, from the functions of a result (theory of the rigid-body model, section 2.2)."""
+"""The error of the tool at any point of the volume, from the functions of a result (theory of the
+rigid-body model, section 2.2)."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,7 +14,11 @@ from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
 from stepdiag.base.volume import Vector, Volume, diagonal_direction, travel_signs
 
 PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
-    **{f"{'XYZ'[component]}({'xyz'[a]}{'xyz'[b]})": (component, (a, b)) for component in range(3) for a, b in ((0, 1), (0, 2), (1, 2))},
+    **{
+        f"{'XYZ'[component]}({'xyz'[a]}{'xyz'[b]})": (component, (a, b))
+        for component in range(3)
+        for a, b in ((0, 1), (0, 2), (1, 2))
+    },
     "Z(yyz)": (2, (1, 1, 2)),
 }
 """Errors outside every function of an axis, by name: component, and the axes whose shares of the
@@ -25,7 +30,8 @@ BEYOND_MM = 1.0
 
 
 class Tabulated(NamedTuple):
-    """Functions of one axis' position, linear between the positions and held outside: ``value`` (machines, k)."""
+    """Functions of one axis' position, linear between the positions and held outside: ``value``
+    (machines, k)."""
 
     position_mm: Vector
     value: Vector
@@ -34,7 +40,11 @@ class Tabulated(NamedTuple):
         """Return the values at positions, shape (machines, N)."""
         if len(self.value) > len(self.position_mm):
             return _of_many(self, points_mm)
-        place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
+        place = np.clip(
+            np.searchsorted(self.position_mm, points_mm, side="right") - 1,
+            0,
+            len(self.position_mm) - 2,
+        )
         low, high = self.position_mm[place], self.position_mm[place + 1]
         share = np.clip((points_mm - low) / (high - low), 0.0, 1.0)
         values: Vector = self.value[:, place] * (1.0 - share) + self.value[:, place + 1] * share
@@ -42,7 +52,8 @@ class Tabulated(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """As `Tabulated`, bent between the positions: the cubic spline through evenly spaced values, a parabola in its first and last cell.
+    """As `Tabulated`, bent between the positions: the cubic spline through evenly spaced values, a
+    parabola in its first and last cell.
 
     The curve leaves waves of 3.3 increments by 7 % of their size, a parabola through each value and
     its neighbours by 22 %.
@@ -56,7 +67,11 @@ class Smoothed(NamedTuple):
         if len(self.value) > len(self.position_mm):
             return _of_many(self, points_mm)
         straight = Tabulated(self.position_mm, self.value).at(points_mm)
-        place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
+        place = np.clip(
+            np.searchsorted(self.position_mm, points_mm, side="right") - 1,
+            0,
+            len(self.position_mm) - 2,
+        )
         length = self.position_mm[place + 1] - self.position_mm[place]
         share = np.clip((points_mm - self.position_mm[place]) / length, 0.0, 1.0)
         curved = self._curved()
@@ -75,7 +90,8 @@ class Smoothed(NamedTuple):
             return np.broadcast_to(np.sum(inner, axis=1, keepdims=True), self.value.shape)
         size = len(even_mm)
         system = 4.0 * np.eye(size) + np.eye(size, k=1) + np.eye(size, k=-1)
-        # a parabola in the first and the last cell: a third derivative there would be that of the noise
+        # a parabola in the first and the last cell: a third derivative there would be that of the
+        # noise
         system[0, 1] = system[-1, -2] = -4.0
         target = np.pad(6.0 * inner, ((0, 0), (1, 1)))
         return Tabulated(even_mm, np.linalg.solve(system, target.T).T).at(self.position_mm)
@@ -85,35 +101,51 @@ def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
     """Return `at` for more machines than positions: the effect of a unit at each position, times
     the values.
     """
-    values: Vector = functions.value @ functions._replace(value=np.eye(len(functions.position_mm))).at(points_mm)
+    values: Vector = functions.value @ functions._replace(
+        value=np.eye(len(functions.position_mm))
+    ).at(points_mm)
     return values
 
 
 def evenly(position_mm: Vector) -> Vector:
     """Return equally distant positions over the same range, as far apart as these are at most."""
     low, high = position_mm[0], position_mm[-1]
-    even: Vector = np.linspace(low, high, round(float((high - low) / np.max(np.diff(position_mm)))) + 1)
+    even: Vector = np.linspace(
+        low, high, round(float((high - low) / np.max(np.diff(position_mm)))) + 1
+    )
     return even
 
 
 def field_of_um(
-    volume: Volume, chain: str, functions: Mapping[str, Tabulated | Smoothed], squareness: Mapping[str, Vector], points_mm: Vector
+    volume: Volume,
+    chain: str,
+    functions: Mapping[str, Tabulated | Smoothed],
+    squareness: Mapping[str, Vector],
+    points_mm: Vector,
 ) -> Vector:
-    """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um; ``squareness`` may hold `PRODUCTS`.
+    """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um;
+    ``squareness`` may hold `PRODUCTS`.
 
-    ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]`` plus the squarenesses of contract 1: dX = -C0Y y, dX = +B0Z z, dY = -A0Z z. Arms and
-    squarenesses count from the low corner of the volume, where every function is zero by definition.
+    ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]`` plus the squarenesses of contract 1: dX = -C0Y
+    y, dX = +B0Z z, dY = -A0Z z. Arms and squarenesses count from the low corner of the volume,
+    where every function is zero by definition.
     """
     points = np.atleast_2d(np.asarray(points_mm, dtype=np.float64))
     from_corner = points - np.asarray(volume.origin_mm)
-    machines = max([len(table.value) for table in functions.values()] + [len(value) for value in squareness.values()], default=1)
+    machines = max(
+        [len(table.value) for table in functions.values()]
+        + [len(value) for value in squareness.values()],
+        default=1,
+    )
     parts = np.zeros((3, machines, len(points)))
     for name in squareness.keys() & PRODUCTS.keys():
         component, axes = PRODUCTS[name]
         share = np.prod(from_corner[:, axes] / np.asarray(volume.length_mm)[list(axes)], axis=1)
         parts[component] += np.asarray(squareness[name])[:, None] * share
     if squareness.keys() & set(SQUARENESS):
-        c0y, b0z, a0z = (1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None] for name in SQUARENESS)
+        c0y, b0z, a0z = (
+            1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None] for name in SQUARENESS
+        )
         _, y, z = from_corner.T
         parts[0] += -c0y * y + b0z * z
         parts[1] += -a0z * z
@@ -141,9 +173,13 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
     """
     known = {**result.errors, **result.expected}
     functions = {
-        name: Tabulated(function.position_mm, function.value[None, :]) for name, function in known.items() if function.value is not None
+        name: Tabulated(function.position_mm, function.value[None, :])
+        for name, function in known.items()
+        if function.value is not None
     }
-    squareness = {name: np.array([quantity.value or 0.0]) for name, quantity in result.squareness.items()}
+    squareness = {
+        name: np.array([quantity.value or 0.0]) for name, quantity in result.squareness.items()
+    }
     field: Vector = field_of_um(result.volume, result.chain, functions, squareness, points_mm)[0]
     return field
 
@@ -157,14 +193,19 @@ def bend_um(result: Result, points_mm: Vector) -> Vector:
     known = {name: result.errors[name] for name in DISPLACEMENTS if name in result.errors}
     parts = []
     for kind in (Smoothed, Tabulated):
-        tables = {name: kind(one.position_mm, one.value[None, :]) for name, one in known.items() if one.value is not None}
+        tables = {
+            name: kind(one.position_mm, one.value[None, :])
+            for name, one in known.items()
+            if one.value is not None
+        }
         parts.append(field_of_um(result.volume, result.chain, tables, {}, points_mm)[0])
     bent: Vector = parts[0] - parts[1]
     return bent
 
 
 def without_rigid_motion(volume: Volume, points_mm: Vector, errors_um: Vector) -> Vector:
-    """Return the errors less the translation and rotation of the whole volume that fit them best, shape (N, 3).
+    """Return the errors less the translation and rotation of the whole volume that fit them best,
+    shape (N, 3).
 
     A rigid motion is a matter of where the workpiece lies, not an error of the machine.
     """
@@ -186,19 +227,27 @@ def rigid_motions(volume: Volume, points_mm: Vector) -> Vector:
 
 
 def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vector:
-    """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner where it starts.
+    """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner
+    where it starts.
 
     In um, less the error at the first distance, shape (N,). No result used this error: it is a
     check. Raises UsageError for an invalid diagonal, or distances that leave the measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
-        raise UsageError("diagonal", expected=message("one-of", names=BODY_DIAGONALS), found=repr(diagonal))
+        raise UsageError(
+            "diagonal", expected=message("one-of", names=BODY_DIAGONALS), found=repr(diagonal)
+        )
     size, origin = np.asarray(result.volume.size_mm), np.asarray(result.volume.origin_mm)
     length = float(np.linalg.norm(size))
     if distance_mm.min() < -BEYOND_MM or distance_mm.max() > length + BEYOND_MM:
         found = message("mm-to", low=distance_mm.min(), high_mm=distance_mm.max())
         remedy = message("targets-straight-body-diagonal")
-        raise UsageError(diagonal, expected=message("targets-from-0-mm", length=length), found=found, remedy=remedy)
+        raise UsageError(
+            diagonal,
+            expected=message("targets-from-0-mm", length=length),
+            found=found,
+            remedy=remedy,
+        )
     along = diagonal_direction(result.volume, diagonal)
     corner = np.where(travel_signs(diagonal) > 0, origin, origin + size)
     points = corner + distance_mm[:, None] * along
@@ -208,7 +257,8 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
 
 
 def from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
-    """Return a function relative to its first node; ``shape`` removes the line through the end points."""
+    """Return a function relative to its first node; ``shape`` removes the line through the end
+    points."""
     line = (values[-1] - values[0]) * (nodes - nodes[0]) / (nodes[-1] - nodes[0])
     rest: Vector = values - values[0] - (line if shape else 0.0)
     return rest

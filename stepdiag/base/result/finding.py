@@ -7,7 +7,20 @@ from stepdiag.base.messages import message, message_of
 from stepdiag.base.result.json_tree import Node
 from stepdiag.texts.explained import Action
 
-_NAMES = ("code", "key", "severity", "action", "place", "arguments", "text", "setup", "pass", "stop", "size_um", "among")
+_NAMES = (
+    "code",
+    "key",
+    "severity",
+    "action",
+    "place",
+    "arguments",
+    "text",
+    "setup",
+    "pass",
+    "stop",
+    "size_um",
+    "among",
+)
 
 
 def parse_finding(node: Node) -> Finding:
@@ -23,7 +36,9 @@ def parse_finding(node: Node) -> Finding:
         code=node.text("code"),
         severity=severity,  # type: ignore[arg-type]
         text=node.text("text"),
-        message=message_of({"key": tree.get("key", tree["code"]), "arguments": tree.get("arguments")}),
+        message=message_of(
+            {"key": tree.get("key", tree["code"]), "arguments": tree.get("arguments")}
+        ),
         setup=node.text("setup") if "setup" in node.mapping() else "",
         pass_number=_whole_if_there(node, "pass"),
         stop=_whole_if_there(node, "stop"),

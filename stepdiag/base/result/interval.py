@@ -13,9 +13,11 @@ When = Literal["before", "after"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a result of version 1).
+    """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a
+    result of version 1).
 
-    ``within`` is the probability that the figure is at most its tolerance (JCGM 106), None without a tolerance.
+    ``within`` is the probability that the figure is at most its tolerance (JCGM 106), None without
+    a tolerance.
     """
 
     value_um: Annotated[float, Named("value")]
@@ -24,7 +26,8 @@ class Interval:
     within: Maybe[float] = None
 
     def shown(self) -> tuple[str, str]:
-        """Return low and high as written everywhere, rounded outwards so that rounding never promises more; empty where unknown."""
+        """Return low and high as written everywhere, rounded outwards so that rounding never
+        promises more; empty where unknown."""
         if self.low_um is None or self.high_um is None:
             return "", ""
         decimals = decimals_of(self.high_um)
@@ -40,7 +43,11 @@ class Interval:
     def words(self) -> Message:
         """Return the interval, the value alone where nothing states how sure it is."""
         low, high = self.shown()
-        return message("interval", low=low, high=high) if low else message("value-or-more", value=self.best())
+        return (
+            message("interval", low=low, high=high)
+            if low
+            else message("value-or-more", value=self.best())
+        )
 
     def bound(self) -> Message:
         """Return what a largest vector is at most: how small it may be is no promise."""
@@ -74,13 +81,15 @@ def decimals_of(um: float) -> int:
 
 
 def decimals_of_u(expanded: float) -> int:
-    """Return how many decimals an expanded uncertainty and its value are worth: two significant digits of U (JCGM 100:2008, 7.2.6)."""
+    """Return how many decimals an expanded uncertainty and its value are worth: two significant
+    digits of U (JCGM 100:2008, 7.2.6)."""
     if not 0.0 < expanded < math.inf:
         return 2
     return max(0, 1 - int(f"{expanded:.1e}".partition("e")[2]))
 
 
 def with_expanded(value: float, expanded: float, *, sign: str = "-") -> str:
-    """Return a value with its U (k = 2) as written everywhere; ``sign`` as in a format, "+" shows that of a positive value."""
+    """Return a value with its U (k = 2) as written everywhere; ``sign`` as in a format, "+" shows
+    that of a positive value."""
     decimals = decimals_of_u(expanded)
     return f"{value:{sign}.{decimals}f} ± {expanded:.{decimals}f}"

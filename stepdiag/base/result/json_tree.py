@@ -21,13 +21,21 @@ def load_json(text: str, source: str) -> "Node":
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
-        raise DataError(f"{source}: line {error.lineno}", expected=message("json-document"), found=error.msg) from None
+        raise DataError(
+            f"{source}: line {error.lineno}", expected=message("json-document"), found=error.msg
+        ) from None
     except RecursionError:
-        raise DataError(source, expected=message("json-document"), found=message("brackets-nested-beyond-reason")) from None
+        raise DataError(
+            source,
+            expected=message("json-document"),
+            found=message("brackets-nested-beyond-reason"),
+        ) from None
     except ValueError as error:  # Python reads no whole number of more than 4300 digits
         raise DataError(source, expected=message("json-document"), found=str(error)) from None
     if _SURROGATE.search(text) and not _encodable(value):
-        raise DataError(source, expected=message("json-document"), found=message("half-surrogate-pair-such"))
+        raise DataError(
+            source, expected=message("json-document"), found=message("half-surrogate-pair-such")
+        )
     return Node(value, source, "")
 
 
@@ -52,7 +60,11 @@ class Node:
     """Whether an unknown name is refused, too."""
 
     def refuse(self, expected: Words) -> NoReturn:
-        raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=excerpt(json.dumps(self.value)))
+        raise DataError(
+            f"{self.source}: {self.path or 'document'}",
+            expected=expected,
+            found=excerpt(json.dumps(self.value)),
+        )
 
     def mapping(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
@@ -76,13 +88,24 @@ class Node:
         known = list(names)
         unknown = next((name for name in self.mapping() if name not in known), None)
         if self.strict and unknown is not None:
-            place = f"{self.source}: {self.path}.{unknown}" if self.path else f"{self.source}: {unknown}"
-            raise DataError(place, expected=message("one-of", names=list(known)), found=message("unknown-member"))
+            place = (
+                f"{self.source}: {self.path}.{unknown}"
+                if self.path
+                else f"{self.source}: {unknown}"
+            )
+            raise DataError(
+                place,
+                expected=message("one-of", names=list(known)),
+                found=message("unknown-member"),
+            )
 
     def items(self) -> list["Node"]:
         if not isinstance(self.value, list):
             self.refuse("a list")
-        return [Node(item, self.source, f"{self.path}[{index}]", self.strict) for index, item in enumerate(self.value)]
+        return [
+            Node(item, self.source, f"{self.path}[{index}]", self.strict)
+            for index, item in enumerate(self.value)
+        ]
 
     def equals(self, name: str, wanted: str | int) -> None:
         found = self.child(name)
@@ -106,7 +129,11 @@ class Node:
         return self.value
 
     def number(self) -> float:
-        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
+        if (
+            isinstance(self.value, bool)
+            or not isinstance(self.value, int | float)
+            or not abs(self.value) <= LARGEST
+        ):
             self.refuse(message("finite-number"))
         return float(self.value)
 

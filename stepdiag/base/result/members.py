@@ -1,4 +1,5 @@
-"""The members of a result beside its functions: who measured, under which conditions, how the readings fit, and on what U rests."""
+"""The members of a result beside its functions: who measured, under which conditions, how the
+readings fit, and on what U rests."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -50,7 +51,8 @@ class Source:
     """A file that the result was solved from: its role, its name, and its SHA-256; of a log the
     SHA-256 of its records, packed or not.
 
-    ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A damaged log has no hash.
+    ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A
+    damaged log has no hash.
     """
 
     role: str
@@ -112,7 +114,8 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A figure beside its tolerance (`base.conformity`): ends of its coverage interval (k = 2), probability of conformity and verdict.
+    """A figure beside its tolerance (`base.conformity`): ends of its coverage interval (k = 2),
+    probability of conformity and verdict.
 
     ``tolerance`` limits the magnitude. A figure that is not identified is None, and not decidable.
     """
@@ -129,7 +132,8 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conformity:
-    """Every figure with a tolerance, as found; and the figures of the volume as predicted after an ideal compensation."""
+    """Every figure with a tolerance, as found; and the figures of the volume as predicted after an
+    ideal compensation."""
 
     as_found: tuple[Judged, ...]
     predicted: tuple[Judged, ...]
@@ -160,7 +164,8 @@ class Length:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backlash:
-    """The mean backlash of an axis (approach in + minus approach in -) with its combined standard uncertainty."""
+    """The mean backlash of an axis (approach in + minus approach in -) with its combined standard
+    uncertainty."""
 
     value: float
     u: float
@@ -202,7 +207,8 @@ class LengthsReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tool:
-    """The point of the tool for which the errors hold, and the largest effect of angles 100 mm away from it (k = 2)."""
+    """The point of the tool for which the errors hold, and the largest effect of angles 100 mm away
+    from it (k = 2)."""
 
     offset_mm: Triple | None
     up_to_um_per_100_mm: float | None
@@ -210,11 +216,12 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlip:
-    """A slip of the count: sizes that are noticed in half of the surveys and in 95 % of them, and the effect of the first on the volume
-    (rms), in um; None where a slip of any size goes unnoticed.
+    """A slip of the count: sizes that are noticed in half of the surveys and in 95 % of them, and
+    the effect of the first on the volume (rms), in um; None where a slip of any size goes
+    unnoticed.
 
-    ``passes``: where a slip that is noticed in half of the surveys makes the volume worse by more than the noise of the readings allows
-    for, ``readings_um`` (k = 1).
+    ``passes``: where a slip that is noticed in half of the surveys makes the volume worse by more
+    than the noise of the readings allows for, ``readings_um`` (k = 1).
     """
 
     setup: str
@@ -228,13 +235,15 @@ class UnseenSlip:
 
     @property
     def place(self) -> str:
-        """Return where, as a person writes it: ``ppp/1/5`` is the way to stop 5 of pass 1 of ppp."""
+        """Return where, as a person writes it: ``ppp/1/5`` is the way to stop 5 of pass 1 of
+        ppp."""
         return f"{self.setup}/{self.pass_number}/{self.stop}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlips:
-    """The slip that does most harm unseen in diagonals and in runs along an axis, None where the survey has none of them."""
+    """The slip that does most harm unseen in diagonals and in runs along an axis, None where the
+    survey has none of them."""
 
     diagonals: Maybe[UnseenSlip] = None
     runs: Maybe[UnseenSlip] = None
@@ -261,7 +270,8 @@ class Closure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumed:
-    """The assumed sizes on which U rests (`solver.model.assumptions.Assumptions`; relative ones in ppm); None: the result states none."""
+    """The assumed sizes on which U rests (`solver.model.assumptions.Assumptions`; relative ones in
+    ppm); None: the result states none."""
 
     angles_urad: float | None = None
     angle_urad: dict[str, float] | None = None
@@ -320,7 +330,8 @@ READINGS, BETWEEN_TARGETS, NOT_MEASURED = "readings", "between the targets", "no
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """The uncertainty budget (k = 1): assumptions by source, shares by quantity and source, their combination by quantity."""
+    """The uncertainty budget (k = 1): assumptions by source, shares by quantity and source, their
+    combination by quantity."""
 
     assumptions: dict[str, Words]
     shares: dict[str, dict[str, float]]
@@ -376,7 +387,8 @@ class StandardFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """The standard deviation of drawn surveys beside the stated one; of a single number also the shortest 95 % interval."""
+    """The standard deviation of drawn surveys beside the stated one; of a single number also the
+    shortest 95 % interval."""
 
     u: float
     u_stated: float
@@ -405,7 +417,8 @@ class Drift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupReport:
-    """The travel of a setup and its numbers of passes, and where they are known the lean of its mirror, its drift and its scatter."""
+    """The travel of a setup and its numbers of passes, and where they are known the lean of its
+    mirror, its drift and its scatter."""
 
     kind: Kind | None = None
     passes: tuple[int, ...] = ()

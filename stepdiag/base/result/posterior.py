@@ -22,7 +22,9 @@ from stepdiag.base.messages import message
 from stepdiag.base.result.json_tree import Node
 from stepdiag.base.volume import Vector
 
-NAMES = frozenset((*(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"), "C0Y", "B0Z", "A0Z"))
+NAMES = frozenset(
+    (*(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"), "C0Y", "B0Z", "A0Z")
+)
 """The quantities that differ from the result: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
 """Numbers of it are written to this many decimals."""
@@ -60,8 +62,11 @@ class Posterior:
     sized: UnknownSize = field(default_factory=UnknownSize.nothing)
 
     def drawn(self, draws: int) -> Vector:
-        """Return amounts of the `deviations` for machines drawn from the posterior, shape (draws, deviations); always the same ones."""
-        z = np.random.default_rng(0).standard_normal((draws, self.count + sum(len(values) for values in self.rest.values())))
+        """Return amounts of the `deviations` for machines drawn from the posterior, shape (draws,
+        deviations); always the same ones."""
+        z = np.random.default_rng(0).standard_normal(
+            (draws, self.count + sum(len(values) for values in self.rest.values()))
+        )
         size = np.arange(draws) % len(self.sized.scale)
         mine = slice(self.count - self.sized.scale.shape[1], self.count)
         z[:, mine] = self.sized.shift[size] + self.sized.scale[size] * z[:, mine]
@@ -73,12 +78,17 @@ class Posterior:
         return max((len(values) for values in self.modes.values()), default=0)
 
     def deviations(self) -> dict[str, Vector]:
-        """Return offset, modes and the rest value by value, all as deviations by name, shape (1 + modes + values of the rest, k)."""
+        """Return offset, modes and the rest value by value, all as deviations by name, shape (1 +
+        modes + values of the rest, k)."""
         names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
         total = 1 + self.count + sum(len(values) for values in self.rest.values())
         found, start = {}, 1 + self.count
         for name in names:
-            size = next(np.atleast_2d(part[name]).shape[1] for part in (self.offset, self.modes, self.rest) if name in part)
+            size = next(
+                np.atleast_2d(part[name]).shape[1]
+                for part in (self.offset, self.modes, self.rest)
+                if name in part
+            )
             values = np.zeros((total, size))
             values[0] = self.offset.get(name, 0.0)
             values[1 : 1 + self.count] = self.modes.get(name, 0.0)
@@ -95,10 +105,15 @@ class Posterior:
         return {
             "position_mm": dict(self.position_mm),
             "offset": {name: _short(values) for name, values in self.offset.items()},
-            "modes": {name: [_short(mode) for mode in values] for name, values in self.modes.items()},
+            "modes": {
+                name: [_short(mode) for mode in values] for name, values in self.modes.items()
+            },
             "rest": {name: _short(values) for name, values in self.rest.items()},
             "between_um": {name: _short(sizes) for name, sizes in self.between_um.items()},
-            "sized": {"scale": [_short(one) for one in self.sized.scale], "shift": [_short(one) for one in self.sized.shift]},
+            "sized": {
+                "scale": [_short(one) for one in self.sized.scale],
+                "shift": [_short(one) for one in self.sized.shift],
+            },
         }
 
 
@@ -128,15 +143,22 @@ def parse_posterior(root: Node) -> Posterior:
         return values
 
     def columns(part: str) -> dict[str, Vector]:
-        return {name: column(root.child(part).child(name), name) for name in root.child(part).mapping()}
+        return {
+            name: column(root.child(part).child(name), name) for name in root.child(part).mapping()
+        }
 
     modes = {
-        name: np.array([column(mode, name) for mode in root.child("modes").child(name).items()]).reshape(-1, size(name))
+        name: np.array(
+            [column(mode, name) for mode in root.child("modes").child(name).items()]
+        ).reshape(-1, size(name))
         for name in root.child("modes").mapping()
     }
     if len({len(values) for values in modes.values()}) > 1:
         root.child("modes").refuse(message("equal-modes"))
-    between = {name: _parse_between(root.child("between_um").child(name)) for name in root.child("between_um").mapping()}
+    between = {
+        name: _parse_between(root.child("between_um").child(name))
+        for name in root.child("between_um").mapping()
+    }
     count = max((len(values) for values in modes.values()), default=0)
     return Posterior(
         position_mm=positions,
@@ -144,7 +166,9 @@ def parse_posterior(root: Node) -> Posterior:
         modes=modes,
         rest=columns("rest"),
         between_um=between,
-        sized=_parse_sizes(root.child("sized"), count) if root.strict or "sized" in root.mapping() else UnknownSize.nothing(),
+        sized=_parse_sizes(root.child("sized"), count)
+        if root.strict or "sized" in root.mapping()
+        else UnknownSize.nothing(),
     )
 
 
@@ -160,7 +184,14 @@ def _parse_between(node: Node) -> Vector:
 
 def _parse_sizes(node: Node, most: int) -> UnknownSize:
     node.only(("scale", "shift"))
-    scale, shift = ([one.numbers() for one in node.child(part).items()] for part in ("scale", "shift"))
-    if not scale or len(scale) != len(shift) or len({len(one) for one in (*scale, *shift)}) > 1 or len(scale[0]) > most:
+    scale, shift = (
+        [one.numbers() for one in node.child(part).items()] for part in ("scale", "shift")
+    )
+    if (
+        not scale
+        or len(scale) != len(shift)
+        or len({len(one) for one in (*scale, *shift)}) > 1
+        or len(scale[0]) > most
+    ):
         node.refuse(message("rows-of-scale"))
     return UnknownSize(scale=np.array(scale), shift=np.array(shift))

@@ -12,7 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from stepdiag.base.result.arches import Between, arches_of
-from stepdiag.base.result.field import Smoothed, Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
+from stepdiag.base.result.field import (
+    Smoothed,
+    Tabulated,
+    bend_um,
+    error_field_um,
+    field_of_um,
+    rigid_motions,
+)
 from stepdiag.base.result.interval import FieldFigures, Interval, Predicted, When
 from stepdiag.base.result.posterior import Posterior
 from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
@@ -24,29 +31,48 @@ VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um
 TAIL = 0.02275
 """Share beyond k = 2 on either side."""
 BELOW = 0.005
-"""Share below the lower end of the interval of the volume: what is taken for usual (drift, warmth, air) is drawn as large as stated or
-found, and a good machine has none of it. One in eight of such was better than an interval with k = 2 on both sides promised."""
+"""Share below the lower end of the interval of the volume: what is taken for usual (drift, warmth,
+air) is drawn as large as stated or found, and a good machine has none of it. One in eight of such
+was better than an interval with k = 2 on both sides promised."""
 BETWEEN_SHARE = 8.0 / 15.0
 """Mean square of an arch (a parabola between two targets) over its largest square."""
 
 
-def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> Predicted:
-    """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied.
+def predicted(
+    result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
+) -> Predicted:
+    """Return what an independent check would find at points (N, 3) before and after
+    ``correction_um`` (N, 3) is applied.
 
-    ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the result: steps between its targets.
+    ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the
+    result: steps between its targets.
     """
     motions = rigid_motions(result.volume, points_mm)
-    return _predicted(_machines(result, points_mm, beside_um, DRAWS), motions, correction_um, result.tolerance or {})
+    return _predicted(
+        _machines(result, points_mm, beside_um, DRAWS),
+        motions,
+        correction_um,
+        result.tolerance or {},
+    )
 
 
-def predicted_with_u(result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector) -> tuple[Predicted, float]:
-    """Return what `predicted` does, and the root mean square over the volume of the error vector's standard uncertainty, rigid motion
-    removed. ``posterior`` is that of the result."""
-    machines, motions = _machines(result, points_mm, 0.0, DRAWS), rigid_motions(result.volume, points_mm)
-    return _predicted(machines, motions, correction_um, result.tolerance or {}), _volumetric_u_um(posterior, machines.moved, motions)
+def predicted_with_u(
+    result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector
+) -> tuple[Predicted, float]:
+    """Return what `predicted` does, and the root mean square over the volume of the error vector's
+    standard uncertainty, rigid motion removed. ``posterior`` is that of the result."""
+    machines, motions = (
+        _machines(result, points_mm, 0.0, DRAWS),
+        rigid_motions(result.volume, points_mm),
+    )
+    return _predicted(machines, motions, correction_um, result.tolerance or {}), _volumetric_u_um(
+        posterior, machines.moved, motions
+    )
 
 
-def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector, tolerance: Mapping[str, float]) -> Predicted:
+def _predicted(
+    machines: "_Machines", motions: Vector, correction_um: Vector, tolerance: Mapping[str, float]
+) -> Predicted:
     moved_um2, rigid_um2 = machines.moved_um2(motions)
     waves_um = machines.between.drawn_um(FOR_LARGEST)
     parts: dict[str, dict[When, FieldFigures]] = {}
@@ -58,24 +84,34 @@ def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector, to
         fields = machines.drawn(correction_um, free)
         # the same before and after: only the field that they are drawn around differs
         beside_um = machines.beside_um(fields["before"], waves_um)
-        parts[name] = {when: machines.figures(drawn, square_um2, beside_um, allowed) for when, drawn in fields.items()}
+        parts[name] = {
+            when: machines.figures(drawn, square_um2, beside_um, allowed)
+            for when, drawn in fields.items()
+        }
     return Predicted(**parts)
 
 
 def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interval:
-    """Return the median of draws and the interval that holds all but `BELOW` of them on the lower side and `TAIL` on the upper.
+    """Return the median of draws and the interval that holds all but `BELOW` of them on the lower
+    side and `TAIL` on the upper.
 
     ``most`` is a tolerance: the share of draws within it stands beside them.
     """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     if not known:
         return Interval(value_um=value)
-    return Interval(value_um=value, low_um=low, high_um=high, within=None if most is None else float(np.mean(drawn <= most)))
+    return Interval(
+        value_um=value,
+        low_um=low,
+        high_um=high,
+        within=None if most is None else float(np.mean(drawn <= most)),
+    )
 
 
 class ErrorAt(NamedTuple):
-    """The error vector (actual - commanded) at points and its combined standard uncertainty, shapes (N, 3) in um, relative to the low
-    corner of the volume, where every function is zero by definition. ``u_um`` is None where the result has no posterior."""
+    """The error vector (actual - commanded) at points and its combined standard uncertainty, shapes
+    (N, 3) in um, relative to the low corner of the volume, where every function is zero by
+    definition. ``u_um`` is None where the result has no posterior."""
 
     error_um: Vector
     u_um: Vector | None
@@ -84,8 +120,9 @@ class ErrorAt(NamedTuple):
 def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
     """Return the error of the tool at points (N, 3), rigid motion not removed.
 
-    ``u_um`` is the root mean square of all that the posterior lets the machine differ by: its offset, its modes with a mean square of one,
-    what differs value by value, and what is between two targets.
+    ``u_um`` is the root mean square of all that the posterior lets the machine differ by: its
+    offset, its modes with a mean square of one, what differs value by value, and what is between
+    two targets.
     """
     error_um = error_field_um(result, points_mm)
     if result.posterior is None:
@@ -93,14 +130,19 @@ def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
     amount = result.posterior.drawn(DRAWS)
     moved = _moved(result, result.posterior, points_mm)
     together = _together(amount)
-    square_um2 = moved[0] ** 2 + np.einsum("kl,kni,lni->ni", together, moved[1:], moved[1:], optimize=True)
+    square_um2 = moved[0] ** 2 + np.einsum(
+        "kl,kni,lni->ni", together, moved[1:], moved[1:], optimize=True
+    )
     beside_um2 = np.mean(arches_of(result, points_mm, FOR_LARGEST).square_um(slice(None)), axis=0)
     return ErrorAt(error_um, np.sqrt(np.maximum(square_um2 + beside_um2, 0.0)))
 
 
-def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> tuple[Vector, Vector]:
-    """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws, rigid motion removed, before and after a
-    correction, shapes (draws, N); arguments as of `predicted`. One draw where the result has no posterior."""
+def squares_um2(
+    result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
+) -> tuple[Vector, Vector]:
+    """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws,
+    rigid motion removed, before and after a correction, shapes (draws, N); arguments as of
+    `predicted`. One draw where the result has no posterior."""
     machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
     drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
     before, after = machines.squares_um2(drawn["before"]), machines.squares_um2(drawn["after"])
@@ -108,8 +150,9 @@ def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside
 
 
 class _Drawn(NamedTuple):
-    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each; ``likely`` (3 N,) is the field drawn around
-    without its noise. The square sum over all points of ``whole`` is too large by ``over_um2`` (draws,)."""
+    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each;
+    ``likely`` (3 N,) is the field drawn around without its noise. The square sum over all points of
+    ``whole`` is too large by ``over_um2`` (draws,)."""
 
     whole: Vector
     likely: Vector
@@ -117,8 +160,9 @@ class _Drawn(NamedTuple):
 
 
 class _Machines(NamedTuple):
-    """Drawn machines: the field found at the points ``before``, what each deviation moves there and the ``amount`` of each (draws,
-    deviations), what is between the targets, and which part of the field is noise of what was found (`_adjusted_um`)."""
+    """Drawn machines: the field found at the points ``before``, what each deviation moves there and
+    the ``amount`` of each (draws, deviations), what is between the targets, and which part of the
+    field is noise of what was found (`_adjusted_um`)."""
 
     before: Vector
     moved: Vector
@@ -130,7 +174,8 @@ class _Machines(NamedTuple):
     known: bool
 
     def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[When, _Drawn]:
-        """Return the fields before and after a correction (N, 3), less rigid motion where its basis is given."""
+        """Return the fields before and after a correction (N, 3), less rigid motion where its basis
+        is given."""
         flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
         bending = _flat(self.bent, motions)
@@ -138,10 +183,14 @@ class _Machines(NamedTuple):
         bent_um2 = _common_um2(bending, bending, self.together)
         met = self.between.met(flat[1:])
         fields: dict[When, _Drawn] = {}
-        changes: dict[When, Vector] = {"before": np.zeros_like(found), "after": _flat(correction_um[None], motions)}
+        changes: dict[When, Vector] = {
+            "before": np.zeros_like(found),
+            "after": _flat(correction_um[None], motions),
+        }
         for when, change in changes.items():
             field = found + change
-            # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
+            # of what tables take out, its noise is taken out with it; how noise bends the curve
+            # between the values stays in either
             over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
             whole = np.vstack([field + flat[:1], flat[1:]])
             likely = (field - min(over_um2 / square_um2, 1.0) * found + flat[:1])[0]
@@ -156,16 +205,20 @@ class _Machines(NamedTuple):
         The sums are the same before and after a correction.
         """
         flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
-        return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum((amount @ (flat @ motions)) ** 2, axis=1)
+        return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum(
+            (amount @ (flat @ motions)) ** 2, axis=1
+        )
 
     def beside_um(self, drawn: _Drawn, waves_um: Vector | None) -> Vector:
-        """Return what all deviations but the offset move in `FOR_LARGEST` draws, with what is drawn between the targets
-        (`Between.drawn_um`), shape (draws, N, 3)."""
+        """Return what all deviations but the offset move in `FOR_LARGEST` draws, with what is drawn
+        between the targets (`Between.drawn_um`), shape (draws, N, 3)."""
         amount = self.amount[:FOR_LARGEST, 1:]
         moved: Vector = (amount @ drawn.whole[1:]).reshape(len(amount), -1, 3)
         return moved if waves_um is None else moved + waves_um
 
-    def figures(self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector, tolerance: Mapping[str, float]) -> FieldFigures:
+    def figures(
+        self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector, tolerance: Mapping[str, float]
+    ) -> FieldFigures:
         """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of the
         motion by all deviations but the offset, ``beside_um`` as in `beside_um`.
         """
@@ -186,11 +239,15 @@ class _Machines(NamedTuple):
         fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
         square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
         total = np.sum(square, axis=1, keepdims=True)
-        cleared: Vector = square * np.maximum(1.0 - drawn.over_um2[:, None] / np.maximum(total, 1e-30), 0.0)
+        cleared: Vector = square * np.maximum(
+            1.0 - drawn.over_um2[:, None] / np.maximum(total, 1e-30), 0.0
+        )
         return cleared
 
 
-def _machines(result: Result, points_mm: Vector, beside_um: Vector | float, draws: int) -> _Machines:
+def _machines(
+    result: Result, points_mm: Vector, beside_um: Vector | float, draws: int
+) -> _Machines:
     """Return ``draws`` machines of the posterior; without a posterior a single machine, as
     found.
     """
@@ -201,20 +258,36 @@ def _machines(result: Result, points_mm: Vector, beside_um: Vector | float, draw
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(draws)
     arches = arches_of(result, points_mm, len(amount))
     noise, bent = _adjusted_um(result, posterior, points_mm)
-    return _Machines(before, _moved(result, posterior, points_mm), amount, arches, noise, bent, _together(amount), posterior is not None)
+    return _Machines(
+        before,
+        _moved(result, posterior, points_mm),
+        amount,
+        arches,
+        noise,
+        bent,
+        _together(amount),
+        posterior is not None,
+    )
 
 
 def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
-    """Return what each deviation of the posterior does to the error at the points, shape (deviations, N, 3): the offset first."""
+    """Return what each deviation of the posterior does to the error at the points, shape
+    (deviations, N, 3): the offset first."""
     if posterior is None:
         return np.zeros((1, len(points_mm), 3))
     deviations = posterior.deviations()
-    functions = {name: Tabulated(posterior.position_mm[name[2]], value) for name, value in deviations.items() if name[0] == "E"}
+    functions = {
+        name: Tabulated(posterior.position_mm[name[2]], value)
+        for name, value in deviations.items()
+        if name[0] == "E"
+    }
     squareness = {name: value[:, 0] for name, value in deviations.items() if name[0] != "E"}
     return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
 
 
-def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> tuple[Vector, Vector]:
+def _adjusted_um(
+    result: Result, posterior: Posterior | None, points_mm: Vector
+) -> tuple[Vector, Vector]:
     """Return the possible error of the part of `_moved` (deviations, N, 3) that the readings
     determine without a prior: along straight lines between the values, and the addition of the
     smooth curve through them.
@@ -234,11 +307,21 @@ def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector)
         if not function.slope_identified:
             values = values - values[:, -1:] * (at - at[0]) / (at[-1] - at[0])
         found[name] = (at, values)
-    squareness = {name: deviations[name][:, 0] for name in SQUARENESS if name in deviations and result.squareness[name].value is not None}
+    squareness = {
+        name: deviations[name][:, 0]
+        for name in SQUARENESS
+        if name in deviations and result.squareness[name].value is not None
+    }
     if not found and not squareness:
         return none, none
     straight, smooth = (
-        field_of_um(result.volume, result.chain, {name: between(*one) for name, one in found.items()}, squareness, points_mm)
+        field_of_um(
+            result.volume,
+            result.chain,
+            {name: between(*one) for name, one in found.items()},
+            squareness,
+            points_mm,
+        )
         for between in (Tabulated, Smoothed)
     )
     return straight, smooth - straight
@@ -270,7 +353,8 @@ def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
 
 
 def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) -> Vector:
-    """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
+    """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic
+    form of the amounts.
 
     ``moved_um2`` (draws,) is its part that is of second order in the amounts, worked out once for
     all fields. Deviations between the targets add their mean square.
@@ -291,12 +375,17 @@ def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
 
 
 def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -> float:
-    """Return the figure of `predicted_with_u` from what each deviation does to the error at the points, (deviations, N, 3)."""
+    """Return the figure of `predicted_with_u` from what each deviation does to the error at the
+    points, (deviations, N, 3)."""
     moved = _flat(fields_um, motions)
     between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
     sized = posterior.sized
     own = moved[1 + posterior.count - sized.scale.shape[1] : 1 + posterior.count]
     # the common effect of the modes of unknown size at one size beside the effect of each mode
     # alone
-    together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(np.mean(sized.shift**2, axis=0) @ own**2)
-    return float(np.sqrt((np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between))
+    together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(
+        np.mean(sized.shift**2, axis=0) @ own**2
+    )
+    return float(
+        np.sqrt((np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between)
+    )

@@ -66,7 +66,8 @@ DECIMALS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Function:
-    """An error as a function of the position of the axis that moves, shapes (k,), linear between the positions.
+    """An error as a function of the position of the axis that moves, shapes (k,), linear between
+    the positions.
 
     ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the
     function; ``u_readings`` is the part of u that comes from the readings alone, None in results of
@@ -86,7 +87,8 @@ class Function:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """A number with its combined standard uncertainty; both None where the data do not identify it. ``u_readings`` as in `Function`."""
+    """A number with its combined standard uncertainty; both None where the data do not identify it.
+    ``u_readings`` as in `Function`."""
 
     value: float | None
     u: float | None
@@ -96,7 +98,8 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """The slope of a positioning function's end-point line in um/m; ``value`` and ``u`` are None unless ``identified``."""
+    """The slope of a positioning function's end-point line in um/m; ``value`` and ``u`` are None
+    unless ``identified``."""
 
     value: float | None
     u: float | None
@@ -163,36 +166,68 @@ class Result:
     source: str = "result"
 
     def at(self, x_mm: float, y_mm: float, z_mm: float) -> tuple[Vector, Vector | None]:
-        """Return the error vector at a point of the machine and its expanded uncertainty U (k = 2), shapes (3,) in um.
+        """Return the error vector at a point of the machine and its expanded uncertainty U (k = 2),
+        shapes (3,) in um.
 
-        Relative to the low corner of the volume (`base.result.prediction.errors_at`). U is None where the result has no posterior.
-        Raises UsageError for a point outside of the measured volume: the functions end there.
+        Relative to the low corner of the volume (`base.result.prediction.errors_at`). U is None
+        where the result has no posterior. Raises UsageError for a point outside of the measured
+        volume: the functions end there.
         """
         from stepdiag.base.result.prediction import errors_at
 
         point = np.array([[x_mm, y_mm, z_mm]], dtype=np.float64)
         low = np.asarray(self.volume.origin_mm)
         high = low + np.asarray(self.volume.size_mm)
-        if not ((point >= low - POSITION_TOLERANCE_MM) & (point <= high + POSITION_TOLERANCE_MM)).all():
+        if not (
+            (point >= low - POSITION_TOLERANCE_MM) & (point <= high + POSITION_TOLERANCE_MM)
+        ).all():
             volume = f"{low.tolist()} to {high.tolist()}"
-            raise UsageError("at", expected=message("targets-within-mm", volume=volume), found=str(point[0].tolist()))
+            raise UsageError(
+                "at",
+                expected=message("targets-within-mm", volume=volume),
+                found=str(point[0].tolist()),
+            )
         found_at = errors_at(self, point)
         return found_at.error_um[0], None if found_at.u_um is None else 2.0 * found_at.u_um[0]
 
     def _repr_html_(self) -> str:
-        """Return squareness, scale and volumetric error with U (k = 2) as a table for a notebook."""
-        numbers = [(name, one.value, one.u, one.unit) for part in (self.squareness, self.scale) for name, one in part.items()]
+        """Return squareness, scale and volumetric error with U (k = 2) as a table for a
+        notebook."""
+        numbers = [
+            (name, one.value, one.u, one.unit)
+            for part in (self.squareness, self.scale)
+            for name, one in part.items()
+        ]
         cells = [
-            (name, "" if v is None else f"{v:.2f}", "" if u is None else f"± {2 * u:.2f}", unit.replace("u", "µ", 1))
+            (
+                name,
+                "" if v is None else f"{v:.2f}",
+                "" if u is None else f"± {2 * u:.2f}",
+                unit.replace("u", "µ", 1),
+            )
             for name, v, u, unit in numbers
         ]
-        for when, figures in () if self.predicted is None else self.predicted.without_rigid_motion.items():
-            cells.append((f"volumetric rms, {when}", figures.rms_um.best(), " to ".join(figures.rms_um.shown()), "µm"))
-        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in cells)
-        return f"<table><tr><th></th><th>value</th><th>U (k = 2)</th><th>unit</th></tr>{body}</table>"
+        for when, figures in (
+            () if self.predicted is None else self.predicted.without_rigid_motion.items()
+        ):
+            cells.append(
+                (
+                    f"volumetric rms, {when}",
+                    figures.rms_um.best(),
+                    " to ".join(figures.rms_um.shown()),
+                    "µm",
+                )
+            )
+        body = "".join(
+            "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in cells
+        )
+        return (
+            f"<table><tr><th></th><th>value</th><th>U (k = 2)</th><th>unit</th></tr>{body}</table>"
+        )
 
     def to_json(self) -> str:
-        """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to `DECIMALS`; same bytes for the same result."""
+        """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to
+        `DECIMALS`; same bytes for the same result."""
         document = {
             "format": FORMAT,
             "version": FORMAT_VERSION,
@@ -201,13 +236,24 @@ class Result:
             "volume": _volume_json(self.volume),
             "chain": self.chain,
             "errors": {name: _function_json(function) for name, function in self.errors.items()},
-            "expected": {name: _function_json(function) for name, function in self.expected.items()},
-            "reversal": {name: _function_json(function) for name, function in self.reversal.items()},
+            "expected": {
+                name: _function_json(function) for name, function in self.expected.items()
+            },
+            "reversal": {
+                name: _function_json(function) for name, function in self.reversal.items()
+            },
             "squareness": {name: _number_json(q) for name, q in self.squareness.items()},
-            "scale": {name: {**_number_json(s), "identified": s.identified} for name, s in self.scale.items()},
+            "scale": {
+                name: {**_number_json(s), "identified": s.identified}
+                for name, s in self.scale.items()
+            },
             "setups": written(self.setups),
             "findings": written(self.findings),
-            **{name: written(value) for name in MEMBERS if (value := getattr(self, name)) is not None},
+            **{
+                name: written(value)
+                for name in MEMBERS
+                if (value := getattr(self, name)) is not None
+            },
             **({} if self.posterior is None else {"posterior": self.posterior.as_json()}),
         }
         text = json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False)
@@ -215,12 +261,26 @@ class Result:
 
 
 _FIELDS = fields(Result)
-MEMBERS = {each.name: each.type for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]}
+MEMBERS = {
+    each.name: each.type for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]
+}
 """The optional members of a result, by their names, each with its type."""
 _ENTRIES = (
-    "format", "version", "software", "method", "volume", "chain",
-    "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
-)  # fmt: skip
+    "format",
+    "version",
+    "software",
+    "method",
+    "volume",
+    "chain",
+    "errors",
+    "expected",
+    "reversal",
+    "squareness",
+    "scale",
+    "setups",
+    "findings",
+    "posterior",
+)
 """The other entries of the JSON."""
 
 
@@ -233,15 +293,26 @@ def same_result(one: bytes, other: bytes) -> bool:
         shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)
     except (ValueError, AttributeError, TypeError, RecursionError):
         return False
-    return same_but_for_rounding(first, second, DECIMALS) and same_but_for_rounding(shape, other_shape, POSTERIOR_DECIMALS)
+    return same_but_for_rounding(first, second, DECIMALS) and same_but_for_rounding(
+        shape, other_shape, POSTERIOR_DECIMALS
+    )
 
 
 def _volume_json(volume: Volume) -> dict[str, Any]:
-    return {"origin_mm": list(volume.origin_mm), "size_mm": list(volume.size_mm), "increments": volume.increments}
+    return {
+        "origin_mm": list(volume.origin_mm),
+        "size_mm": list(volume.size_mm),
+        "increments": volume.increments,
+    }
 
 
 def _number_json(number: Quantity | Scale) -> dict[str, Any]:
-    return {"value": number.value, "u": number.u, "u_readings": number.u_readings, "unit": number.unit}
+    return {
+        "value": number.value,
+        "u": number.u,
+        "u_readings": number.u_readings,
+        "unit": number.unit,
+    }
 
 
 def _function_json(function: Function) -> dict[str, Any]:
@@ -283,39 +354,64 @@ def parse_result(text: str, source: str = "result.json") -> Result:
     version = root.child("version")
     if type(version.value) is not int or version.value not in READABLE_VERSIONS:
         version.refuse("1, 2 or 3")
-    root = replace(root, strict=True) if version.value == FORMAT_VERSION else replace(root, value=_as_now(root.mapping()))
+    root = (
+        replace(root, strict=True)
+        if version.value == FORMAT_VERSION
+        else replace(root, value=_as_now(root.mapping()))
+    )
     root.only([*_ENTRIES, *MEMBERS])
     here = root.mapping()
     return Result(
         volume=_volume(root.child("volume")),
         chain=_chain(root),
         method=root.text("method") if "method" in here else "",
-        errors=_functions(root.child("errors"), (*DISPLACEMENTS, *ROTATIONS), required=DISPLACEMENTS),
-        reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS)) if "reversal" in here else {},
+        errors=_functions(
+            root.child("errors"), (*DISPLACEMENTS, *ROTATIONS), required=DISPLACEMENTS
+        ),
+        reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS))
+        if "reversal" in here
+        else {},
         expected=_functions(root.child("expected"), ROTATIONS) if "expected" in here else {},
         posterior=parse_posterior(root.child("posterior")) if "posterior" in here else None,
-        squareness={name: _quantity(_named(root, "squareness", SQUARENESS).child(name)) for name in SQUARENESS},
-        scale={name: _scale(_named(root, "scale", AXIS_LETTERS).child(name)) for name in AXIS_LETTERS},
+        squareness={
+            name: _quantity(_named(root, "squareness", SQUARENESS).child(name))
+            for name in SQUARENESS
+        },
+        scale={
+            name: _scale(_named(root, "scale", AXIS_LETTERS).child(name)) for name in AXIS_LETTERS
+        },
         setups=read(root.child("setups"), dict[str, SetupReport]),
         findings=tuple(parse_finding(item) for item in root.child("findings").items()),
         software=read(root.child("software"), Software) if "software" in here else Software(),
         source=source,
-        **{name: read_or_none(root.child(name), kind) for name, kind in MEMBERS.items() if name in here},
+        **{
+            name: read_or_none(root.child(name), kind)
+            for name, kind in MEMBERS.items()
+            if name in here
+        },
     )
 
 
 def _as_now(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document of version 1 or 2 in the form of version 3: the closed forms counted passes, and stated a sum without u."""
+    """Return a document of version 1 or 2 in the form of version 3: the closed forms counted
+    passes, and stated a sum without u."""
     setups, total = document.get("setups"), document.get("scale_sum_um")
     if isinstance(setups, dict):
         setups = {name: _with_passes(report) for name, report in setups.items()}
-    changed = {"setups": setups, "scale_sum_um": {"value": total, "u": None} if isinstance(total, float) else total}
+    changed = {
+        "setups": setups,
+        "scale_sum_um": {"value": total, "u": None} if isinstance(total, float) else total,
+    }
     return {name: changed.get(name, value) for name, value in document.items()}
 
 
 def _with_passes(report: Any) -> Any:
     count = report.get("passes") if isinstance(report, dict) else None
-    return {**report, "passes": list(range(1, count + 1))} if type(count) is int and count <= _MOST_PASSES else report
+    return (
+        {**report, "passes": list(range(1, count + 1))}
+        if type(count) is int and count <= _MOST_PASSES
+        else report
+    )
 
 
 def _named(root: Node, name: str, known: tuple[str, ...]) -> Node:
@@ -348,13 +444,18 @@ def _chain(root: Node) -> str:
     return chain
 
 
-def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Function]:
+def _functions(
+    node: Node, known: tuple[str, ...], required: tuple[str, ...] = ()
+) -> dict[str, Function]:
     for name in node.mapping():
         if name not in known:
             node.child(name).refuse(message("function-named", names=list(known)))
     for name in required:
         node.child(name)
-    return {name: _function(node.child(name), "um" if name in DISPLACEMENTS else "urad") for name in node.mapping()}
+    return {
+        name: _function(node.child(name), "um" if name in DISPLACEMENTS else "urad")
+        for name in node.mapping()
+    }
 
 
 def _function(node: Node, unit: str) -> Function:
@@ -367,11 +468,19 @@ def _function(node: Node, unit: str) -> Function:
         node.child("position_mm").refuse(message("two-ascending"))
     known: dict[str, Vector | None] = {}
     for name in _NUMBER:
-        column = node.child(name) if node.strict or name in node.mapping() or name != "u_readings" else None
+        column = (
+            node.child(name)
+            if node.strict or name in node.mapping() or name != "u_readings"
+            else None
+        )
         known[name] = None if column is None or column.value is None else column.numbers()
         if column is not None and column.value is not None and len(column.value) != len(position):
             column.refuse(f"{len(position)} numbers, one a position")
-    slope = node.child("slope_identified").truth() if node.strict or "slope_identified" in node.mapping() else True
+    slope = (
+        node.child("slope_identified").truth()
+        if node.strict or "slope_identified" in node.mapping()
+        else True
+    )
     return Function(
         position_mm=position,
         value=known["value"],
@@ -387,13 +496,21 @@ def _optional(node: Node) -> float | None:
 
 
 def _readings_u(node: Node) -> float | None:
-    return _optional(node.child("u_readings")) if node.strict or "u_readings" in node.mapping() else None
+    return (
+        _optional(node.child("u_readings"))
+        if node.strict or "u_readings" in node.mapping()
+        else None
+    )
 
 
 def _quantity(node: Node) -> Quantity:
     node.equals("unit", "urad")
     node.only((*_NUMBER, "unit"))
-    return Quantity(value=_optional(node.child("value")), u=_optional(node.child("u")), u_readings=_readings_u(node))
+    return Quantity(
+        value=_optional(node.child("value")),
+        u=_optional(node.child("u")),
+        u_readings=_readings_u(node),
+    )
 
 
 def _scale(node: Node) -> Scale:
@@ -403,4 +520,9 @@ def _scale(node: Node) -> Scale:
     value = _optional(node.child("value"))
     if identified != (value is not None):
         node.refuse(message("value-where-identified"))
-    return Scale(value=value, u=_optional(node.child("u")), identified=identified, u_readings=_readings_u(node))
+    return Scale(
+        value=value,
+        u=_optional(node.child("u")),
+        identified=identified,
+        u_readings=_readings_u(node),
+    )

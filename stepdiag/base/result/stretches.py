@@ -18,12 +18,14 @@ MOST_CELLS, MOST_STRETCHES = 10, 10
 FEWEST = 8
 """Points of one mean square."""
 CLEARLY, LEAST_UM = 1.02, 0.1
-"""By more than this factor and this many um what is left must be larger than what was there: less is the rounding of tables."""
+"""By more than this factor and this many um what is left must be larger than what was there: less
+is the rounding of tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """A stretch of an axis, wherever the others stand: length of the error vector there (rms, rigid motion removed), in um."""
+    """A stretch of an axis, wherever the others stand: length of the error vector there (rms, rigid
+    motion removed), in um."""
 
     axis: str
     low_mm: float
@@ -37,8 +39,11 @@ class Stretch:
         return self.after.value_um / max(self.before.value_um, 1e-9)
 
 
-def harmed(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> list[Stretch]:
-    """Return the stretches in which the machine is predicted to err more with a correction (N, 3) than without, up to the interval's end.
+def harmed(
+    result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
+) -> list[Stretch]:
+    """Return the stretches in which the machine is predicted to err more with a correction (N, 3)
+    than without, up to the interval's end.
 
     Arguments as of `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The
     worst comes first, and its points count for no other axis.
@@ -47,7 +52,11 @@ def harmed(result: Result, points_mm: Vector, correction_um: Vector, beside_um: 
     open_points = np.ones(len(points_mm), dtype=np.bool_)
     found: list[Stretch] = []
     while len(found) < MOST_STRETCHES:
-        worst = max(_candidates(result.volume, points_mm, before, after, open_points), key=lambda one: one[0].times, default=None)
+        worst = max(
+            _candidates(result.volume, points_mm, before, after, open_points),
+            key=lambda one: one[0].times,
+            default=None,
+        )
         if worst is None:
             break
         found.append(worst[0])
@@ -64,12 +73,29 @@ def _candidates(
     for axis, letter in enumerate(AXES):
         cells = min(volume.increments, MOST_CELLS)
         edges = volume.origin_mm[axis] + volume.size_mm[axis] * np.arange(cells + 1) / cells
-        cell = np.where(among, np.clip(np.searchsorted(edges, points_mm[:, axis], side="right") - 1, 0, cells - 1), -1)
-        worse = [int(np.sum(cell == one)) >= FEWEST and _worse(_of(before, cell == one), _of(after, cell == one)) for one in range(cells)]
+        cell = np.where(
+            among,
+            np.clip(np.searchsorted(edges, points_mm[:, axis], side="right") - 1, 0, cells - 1),
+            -1,
+        )
+        worse = [
+            int(np.sum(cell == one)) >= FEWEST
+            and _worse(_of(before, cell == one), _of(after, cell == one))
+            for one in range(cells)
+        ]
         for first, last in _runs(worse):
             mine = (cell >= first) & (cell <= last)
             low_mm, high_mm = float(edges[first]), float(edges[last + 1])
-            yield Stretch(axis=letter.upper(), low_mm=low_mm, high_mm=high_mm, before=_of(before, mine), after=_of(after, mine)), mine
+            yield (
+                Stretch(
+                    axis=letter.upper(),
+                    low_mm=low_mm,
+                    high_mm=high_mm,
+                    before=_of(before, mine),
+                    after=_of(after, mine),
+                ),
+                mine,
+            )
 
 
 def _of(square: Vector, mine: NDArray[np.bool_]) -> Interval:

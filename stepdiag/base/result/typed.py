@@ -1,4 +1,5 @@
-"""The typed members of a result's JSON: frozen dataclasses, written by their fields and read by their annotations.
+"""The typed members of a result's JSON: frozen dataclasses, written by their fields and read by
+their annotations.
 
 A member stands in the JSON under its field's name, unless its annotation holds another (`Named`).
 An `OPTIONAL` member is left out at its default; the entries of a mapping that is `BESIDE` the other
@@ -25,7 +26,11 @@ _ABSENT = object()
 
 def _words(node: Node) -> Words:
     """Return a message, or the text of a result of before or of another version."""
-    return node.word() if isinstance(node.value, str) else message_of(node.mapping()) or node.text("text")
+    return (
+        node.word()
+        if isinstance(node.value, str)
+        else message_of(node.mapping()) or node.text("text")
+    )
 
 
 _LEAVES: Mapping[Any, Callable[[Node], Any]] = {
@@ -47,7 +52,8 @@ class Named:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Member:
-    """A member of a dataclass: its field, its name in the JSON, its type and what else its annotation holds."""
+    """A member of a dataclass: its field, its name in the JSON, its type and what else its
+    annotation holds."""
 
     field: Field[Any]
     name: str
@@ -87,11 +93,13 @@ def written(value: Any) -> Any:
 
 
 def read(node: Node, kind: Any) -> Any:
-    """Return a value of the type ``kind``: a dataclass, a mapping, a tuple, a choice, a number, a text or a truth, or None.
+    """Return a value of the type ``kind``: a dataclass, a mapping, a tuple, a choice, a number, a
+    text or a truth, or None.
 
-    A mapping whose names are a choice has all of them. A strict node refuses (``DataError``) the first field that is unknown, missing or
-    of another type. Of any other node unknown names,
-    damaged entries of mappings, and damaged members that have a default or may be None or empty are left out.
+    A mapping whose names are a choice has all of them. A strict node refuses (``DataError``) the
+    first field that is unknown, missing or of another type. Of any other node unknown names,
+    damaged entries of mappings, and damaged members that have a default or may be None or empty are
+    left out.
     """
     if kind in _LEAVES:
         return _LEAVES[kind](node)
@@ -131,7 +139,11 @@ def _object(node: Node, kind: Any) -> Any:
     others = [name for name in node.mapping() if name not in known]
     if beside is None:
         node.only(known)
-    found: dict[str, Any] = {} if beside is None else {beside.field.name: _entries(node, others, *get_args(beside.kind))}
+    found: dict[str, Any] = (
+        {}
+        if beside is None
+        else {beside.field.name: _entries(node, others, *get_args(beside.kind))}
+    )
     for name, each in known.items():
         there = name in node.value or (node.strict and OPTIONAL not in each.notes)
         value = _kept(node.child(name), each.kind) if there else _ABSENT
@@ -143,11 +155,14 @@ def _object(node: Node, kind: Any) -> Any:
 
 
 def _empty(node: Node, name: str, kind: Any) -> Any:
-    """Return what stands for a damaged member without a default. Raises ``DataError`` where nothing can."""
+    """Return what stands for a damaged member without a default. Raises ``DataError`` where nothing
+    can."""
     origin = get_origin(kind)
     if origin in (Union, UnionType):
         return None
-    if (origin is dict and get_args(kind)[0] is str) or (origin is tuple and get_args(kind)[-1] is Ellipsis):
+    if (origin is dict and get_args(kind)[0] is str) or (
+        origin is tuple and get_args(kind)[-1] is Ellipsis
+    ):
         return origin()
     return read(node.child(name), kind)
 

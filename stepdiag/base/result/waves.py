@@ -1,4 +1,5 @@
-"""Waves of a function that are too short for its values: how large they may be between the targets."""
+"""Waves of a function that are too short for its values: how large they may be between the
+targets."""
 
 from collections.abc import Mapping
 
@@ -34,7 +35,8 @@ _SURE = 2.0
 expected.
 """
 FEW_VALUES = 6
-"""Of a function with so few values the waves are not separated from their bends: half of what is known (in logarithms) is what is usual."""
+"""Of a function with so few values the waves are not separated from their bends: half of what is
+known (in logarithms) is what is usual."""
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
 """Drawn functions of five half waves leave the curve through so few values by so much more than the
 values show: their waves are no longer than two increments.
@@ -49,8 +51,8 @@ _SEEN, _ALIASED = 0.6, 0.45
 apparent wave below 2.85 may be shorter than two increments, invisible to the spline.
 """
 _UNSEEN = 1.2
-"""Of such waves functions leave the curve by so much more than a parabola through three values does: drawn functions are less sure at
-their ends."""
+"""Of such waves functions leave the curve by so much more than a parabola through three values
+does: drawn functions are less sure at their ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
@@ -64,16 +66,24 @@ def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
     """
     seen = {}
     for name in POSITIONING:
-        nodes_mm = next(errors[other].position_mm for other in DISPLACEMENTS if other[2] == name[2] and other != name)
+        nodes_mm = next(
+            errors[other].position_mm
+            for other in DISPLACEMENTS
+            if other[2] == name[2] and other != name
+        )
         if (beside_um := _beside_its_values_um(errors[name], nodes_mm)) is not None:
             seen[name] = beside_um
     usual = rms(np.array([*seen.values()])) if seen else 0.0
-    return {name: 0.0 if name in seen else seen.get(f"E{name[2]}{name[2]}", usual) for name in DISPLACEMENTS}
+    return {
+        name: 0.0 if name in seen else seen.get(f"E{name[2]}{name[2]}", usual)
+        for name in DISPLACEMENTS
+    }
 
 
 def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
-    """Return by how much a function, in the middle between two nodes (rms), leaves the smooth curve through its values at the nodes alone,
-    beside what these and their noise let expect; None where nothing was measured between them."""
+    """Return by how much a function, in the middle between two nodes (rms), leaves the smooth curve
+    through its values at the nodes alone, beside what these and their noise let expect; None where
+    nothing was measured between them."""
     at_mm, value = function.position_mm, function.value
     off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
     if value is None or not np.any(off) or len(nodes_mm) < 3:
@@ -85,7 +95,10 @@ def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
     height = float(np.sum((4.0 * share * (1.0 - share)) ** 2))
     expected, _ = arch_um(at_nodes, noise_um)
     if len(at_nodes) <= FEW_VALUES:
-        expected = max(OF_FEW[len(at_nodes)] * expected, _shape_um(value) * CURVED / (len(at_nodes) - 1) ** 3 / np.sqrt(BETWEEN_SHARE))
+        expected = max(
+            OF_FEW[len(at_nodes)] * expected,
+            _shape_um(value) * CURVED / (len(at_nodes) - 1) ** 3 / np.sqrt(BETWEEN_SHARE),
+        )
     square_um2 = float(np.sum(left_um**2) - 2.0 * noise_um**2 * len(left_um)) / height
     return float(np.sqrt(max(square_um2 - (_SURE * expected) ** 2, 0.0)))
 
@@ -113,7 +126,11 @@ def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
     their size as finer runs show it of others, in um.
     """
     shown = shown_finer_um(errors)
-    return {name: shown[name] for name in DISPLACEMENTS if shown[name] > HARMFUL * _shape_um(evenly_spaced(errors[name])) > 0.0}
+    return {
+        name: shown[name]
+        for name in DISPLACEMENTS
+        if shown[name] > HARMFUL * _shape_um(evenly_spaced(errors[name])) > 0.0
+    }
 
 
 def _shape_um(value: Vector) -> float:
@@ -121,7 +138,8 @@ def _shape_um(value: Vector) -> float:
 
 
 def evenly_spaced(function: Function) -> Vector:
-    """Return the values at equally distant positions, as far apart as the function's are at most; none of a function without values.
+    """Return the values at equally distant positions, as far apart as the function's are at most;
+    none of a function without values.
 
     Only there do bends show the length of waves, and positions that lie closer in places do not
     improve this elsewhere.
@@ -133,8 +151,8 @@ def evenly_spaced(function: Function) -> Vector:
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
-    """Return by how much a function leaves the smooth curve in the middle between two of its values (rms), from how these bend, and the
-    standard deviation of the logarithm of that.
+    """Return by how much a function leaves the smooth curve in the middle between two of its values
+    (rms), from how these bend, and the standard deviation of the logarithm of that.
 
     A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth
     differences their square: their ratio gives w. With c = cos(w/2) it leaves the spline of the
@@ -149,7 +167,11 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
     twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
     half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
     parabola = 1.0 + 0.5 * half
-    spline = np.hypot((2.0 - half) / (2.0 + 4.0 * half**2), np.sqrt(_AT_ENDS / (len(value) - 1)) * parabola)
+    spline = np.hypot(
+        (2.0 - half) / (2.0 + 4.0 * half**2), np.sqrt(_AT_ENDS / (len(value) - 1)) * parabola
+    )
     short = np.clip((_SEEN - half) / (_SEEN - _ALIASED), 0.0, 1.0)
     left = (1.0 - short) * spline + short * max(_UNSEEN * parabola, spline)
-    return float(bent * (1.0 - half) * left / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
+    return float(bent * (1.0 - half) * left / (4.0 * (1.0 + half))), float(
+        min(2.5 * (1.0 - half) ** 2, SHORTEST)
+    )

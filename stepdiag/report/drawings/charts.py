@@ -21,12 +21,14 @@ NEAR_PX = 6.0
 """Largest distance in px from a node at which a pointer finds its value."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
 LETTER_PX = 9.2
-"""Of the legend in print, where three drawings stand beside each other and their letters are half as large again."""
+"""Of the legend in print, where three drawings stand beside each other and their letters are half
+as large again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1; NaN or None where unknown)."""
+    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1; NaN or None where
+    unknown)."""
 
     label: str
     x: Vector
@@ -53,7 +55,9 @@ def ticks(low: float, high: float, wanted: int = 5) -> list[float]:
     span = high - low
     raw = span / wanted
     power = 10.0 ** math.floor(math.log10(raw))
-    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9))
+    step = next(
+        factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9)
+    )
     first = math.floor(low / step + 1e-9)
     last = math.ceil(high / step - 1e-9)
     return [index * step for index in range(first, last + 1)]
@@ -79,25 +83,43 @@ def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> li
     """Return grid, ticks and axis titles."""
     parts: list[str] = []
     for scale, is_x in ((horizontal, True), (vertical, False)):
-        marks = [t for t in ticks(scale.low, scale.high) if scale.low - 1e-9 <= t <= scale.high + 1e-9]
+        marks = [
+            t for t in ticks(scale.low, scale.high) if scale.low - 1e-9 <= t <= scale.high + 1e-9
+        ]
         step = marks[1] - marks[0] if len(marks) > 1 else 1.0
         for mark in marks:
             at, name = scale(mark), _label(mark, step)
             if is_x:
-                parts.append(svg.element("path", d=svg.path([(at, vertical.start), (at, vertical.end)]), class_="grid"))
-                parts.append(svg.text(name, at, vertical.start + 14, class_="tick", text_anchor="middle"))
+                parts.append(
+                    svg.element(
+                        "path",
+                        d=svg.path([(at, vertical.start), (at, vertical.end)]),
+                        class_="grid",
+                    )
+                )
+                parts.append(
+                    svg.text(name, at, vertical.start + 14, class_="tick", text_anchor="middle")
+                )
             else:
                 kind = "zero" if abs(mark) < step * 1e-6 else "grid"
                 line = svg.path([(horizontal.start, at), (horizontal.end, at)])
                 parts.append(svg.element("path", d=line, class_=kind))
-                parts.append(svg.text(name, horizontal.start - 6, at + 3.5, class_="tick", text_anchor="end"))
+                parts.append(
+                    svg.text(name, horizontal.start - 6, at + 3.5, class_="tick", text_anchor="end")
+                )
     middle = (horizontal.start + horizontal.end) / 2
     parts.append(svg.text(x_label, middle, HEIGHT - 6, class_="axis", text_anchor="middle"))
     upright = f"rotate(-90 12 {svg.number((vertical.start + vertical.end) / 2)})"
     parts.append(
-        svg.text(y_label, 12, (vertical.start + vertical.end) / 2, class_="axis", text_anchor="middle",
-                 transform=upright)
-    )  # fmt: skip
+        svg.text(
+            y_label,
+            12,
+            (vertical.start + vertical.end) / 2,
+            class_="axis",
+            text_anchor="middle",
+            transform=upright,
+        )
+    )
     return parts
 
 
@@ -124,22 +146,38 @@ def _band(series: Series, horizontal: Scale, vertical: Scale, order: int) -> lis
 def _line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> list[str]:
     parts = []
     for run in _runs(np.isfinite(series.y)):
-        points = [(horizontal(a), vertical(b)) for a, b in zip(series.x[run], series.y[run], strict=True)]
+        points = [
+            (horizontal(a), vertical(b)) for a, b in zip(series.x[run], series.y[run], strict=True)
+        ]
         parts.append(svg.element("path", d=svg.path(points), class_=f"line s{order}"))
-        parts += [svg.element("circle", cx=x, cy=y, r=2.0, class_=f"dot s{order}") for x, y in points]
+        parts += [
+            svg.element("circle", cx=x, cy=y, r=2.0, class_=f"dot s{order}") for x, y in points
+        ]
     return parts
 
 
-def _values(series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> list[str]:
-    """Return what a pointer finds at the nodes of a line: its name, both values with their units, and U where there is one."""
-    (x_name, x_unit), (y_name, y_unit) = (label.partition(" / ")[::2] for label in (x_label, y_label))
+def _values(
+    series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str
+) -> list[str]:
+    """Return what a pointer finds at the nodes of a line: its name, both values with their units,
+    and U where there is one."""
+    (x_name, x_unit), (y_name, y_unit) = (
+        label.partition(" / ")[::2] for label in (x_label, y_label)
+    )
     parts = []
     for index in np.flatnonzero(np.isfinite(series.y)).tolist():
         x, y = float(series.x[index]), float(series.y[index])
         u = float("nan") if series.u is None else float(series.u[index])
         expanded = f" ± {svg.fixed(COVERAGE * u)}" if math.isfinite(u) else ""
-        label = f"{series.label}: {x_name} = {x:.5g} {x_unit}, {y_name} = {svg.fixed(y)}{expanded} {y_unit}"
-        parts.append(svg.titled(" ".join(label.split()), "circle", cx=horizontal(x), cy=vertical(y), r=NEAR_PX))
+        label = (
+            f"{series.label}: {x_name} = {x:.5g} {x_unit}, {y_name} = {svg.fixed(y)}{expanded} "
+            f"{y_unit}"
+        )
+        parts.append(
+            svg.titled(
+                " ".join(label.split()), "circle", cx=horizontal(x), cy=vertical(y), r=NEAR_PX
+            )
+        )
     return parts
 
 
@@ -148,15 +186,23 @@ def _legend(series: Sequence[Series]) -> list[str]:
     room = WIDTH - at - 30 * len(series)
     letter = min(LETTER_PX, room / max(sum(len(one.label) for one in series), 1))
     for order, one in enumerate(series):
-        parts.append(svg.element("path", d=svg.path([(at, 9), (at + 16, 9)]), class_=f"line s{order}"))
+        parts.append(
+            svg.element("path", d=svg.path([(at, 9), (at + 16, 9)]), class_=f"line s{order}")
+        )
         parts.append(svg.text(one.label, at + 20, 12, class_="tick"))
         at += 30 + letter * len(one.label)
     return parts
 
 
 def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: str) -> str:
-    """Return a drawing of lines with dots at the nodes and their k=2 bands; what is NaN is left out."""
-    reaches = [s.y + sign * COVERAGE * np.nan_to_num(s.u) for s in series if s.u is not None for sign in (-1, 1)]
+    """Return a drawing of lines with dots at the nodes and their k=2 bands; what is NaN is left
+    out."""
+    reaches = [
+        s.y + sign * COVERAGE * np.nan_to_num(s.u)
+        for s in series
+        if s.u is not None
+        for sign in (-1, 1)
+    ]
     low, high = _span([*(s.y for s in series), *reaches])
     marks = ticks(min(low, 0.0), max(high, 0.0))
     horizontal = Scale(*_span([s.x for s in series]), LEFT, WIDTH - RIGHT)

@@ -14,7 +14,11 @@ from stepdiag.report.drawings import charts, space, svg
 from stepdiag.texts.texts import Language
 
 SUFFIXES = (".svg", ".html")
-TITLE, BEFORE, AFTER = message("field-before-after"), message("field-before"), message("field-after")
+TITLE, BEFORE, AFTER = (
+    message("field-before-after"),
+    message("field-before"),
+    message("field-after"),
+)
 _GAP = 20.0
 _HEAD = 46.0
 _BELOW = 10.0
@@ -31,22 +35,38 @@ def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> 
     shown = prediction.picture()
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
     longest = max(float(np.linalg.norm(field, axis=1).max()) for field in fields)
-    parts = [svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none")]
-    figures = ((BEFORE, reach.rms_before, reach.largest_before), (AFTER, reach.rms_after, reach.largest_after))
+    parts = [
+        svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none")
+    ]
+    figures = (
+        (BEFORE, reach.rms_before, reach.largest_before),
+        (AFTER, reach.rms_after, reach.largest_after),
+    )
     for place, ((name, rms, largest), field) in enumerate(zip(figures, fields, strict=True)):
         left = place * (space.WIDTH + _GAP)
-        known = rms is not None and largest is not None and message("figures-of-field", name=name, rms=rms.words(), largest=largest.bound())
+        known = (
+            rms is not None
+            and largest is not None
+            and message("figures-of-field", name=name, rms=rms.words(), largest=largest.bound())
+        )
         words = rendered(known or name, language)
         drawn = space.field_drawing(prediction.volume, field, longest_um=longest, label=words)
         parts.append(svg.text(words, left + 10, 20, class_="strong"))
-        parts.append(svg.element("svg", drawn, x=left, y=_HEAD - 18, width=space.WIDTH, height=space.HEIGHT))
+        parts.append(
+            svg.element("svg", drawn, x=left, y=_HEAD - 18, width=space.WIDTH, height=space.HEIGHT)
+        )
     factor = space.magnification(prediction.volume, longest)
-    parts.append(svg.text(rendered(message("field-drawn", factor=factor), language), 10, 38, class_="tick"))
-    return svg.drawing(2 * space.WIDTH + _GAP, space.HEIGHT + _HEAD, rendered(TITLE, language), *parts)
+    parts.append(
+        svg.text(rendered(message("field-drawn", factor=factor), language), 10, 38, class_="tick")
+    )
+    return svg.drawing(
+        2 * space.WIDTH + _GAP, space.HEIGHT + _HEAD, rendered(TITLE, language), *parts
+    )
 
 
 def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) -> str:
-    """Return the drawings of `stepdiag.report.drawings.charts` one below the other under a title; ``suffix`` is one of `SUFFIXES`."""
+    """Return the drawings of `stepdiag.report.drawings.charts` one below the other under a title;
+    ``suffix`` is one of `SUFFIXES`."""
     parts = [
         svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"),
         svg.text(title, charts.LEFT, 16, class_="strong"),
@@ -59,7 +79,8 @@ def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) 
 
 
 def drawing_file(drawing: str, suffix: str, title: str, language: Language) -> str:
-    """Return a drawing as a file of its own: SVG, or an HTML page in which a space can be turned. ``suffix`` is one of `SUFFIXES`."""
+    """Return a drawing as a file of its own: SVG, or an HTML page in which a space can be turned.
+    ``suffix`` is one of `SUFFIXES`."""
     style = _part("report.css") + ".figure { max-width: none; }"
     if suffix == ".svg":
         head, rest = drawing.split(">", 1)
@@ -67,7 +88,8 @@ def drawing_file(drawing: str, suffix: str, title: str, language: Language) -> s
     return (
         '<!doctype html>\n<html lang="' + language + '">\n<head><meta charset="utf-8">'
         f"<title>{title}</title>\n"
-        f"<style>{style}</style></head>\n<body>{drawing}\n<script>{_part('report.js')}</script></body>\n</html>\n"
+        f"<style>{style}</style></head>\n<body>{drawing}\n<script>{_part('report.js')}</script>"
+        "</body>\n</html>\n"
     )
 
 

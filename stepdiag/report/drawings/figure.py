@@ -17,7 +17,8 @@ to processor, do not show.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A drawing (SVG) and the numbers behind it (CSV); ``name`` is the stem of the CSV file and, without a space in it, an id."""
+    """A drawing (SVG) and the numbers behind it (CSV); ``name`` is the stem of the CSV file and,
+    without a space in it, an id."""
 
     name: str
     title: str

@@ -15,14 +15,20 @@ from stepdiag.report.drawings.figure import Figure, csv_table
 from stepdiag.texts.texts import UNITS
 
 Correction = Callable[[Vector], Vector]
-"""From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""
+"""From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N,
+3) in um."""
 """Units of the result as a person writes them."""
 
 
 def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:
-    """Return a figure of every identified function, displacements first, in the order of the axes."""
+    """Return a figure of every identified function, displacements first, in the order of the
+    axes."""
     names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors]
-    return [_function_figure(name, result, words) for name in names if result.errors[name].value is not None]
+    return [
+        _function_figure(name, result, words)
+        for name in names
+        if result.errors[name].value is not None
+    ]
 
 
 def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure:
@@ -30,24 +36,42 @@ def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure
     lines = _lines(function, reversal, words)
     unit = UNITS[function.unit]
     title = name if function.slope_identified else f"{name} ({words['shape_only']})"
-    drawing = charts.line_chart(lines, label=title, x_label=f"{name[2]} / mm", y_label=f"{name} / {unit}")
+    drawing = charts.line_chart(
+        lines, label=title, x_label=f"{name[2]} / mm", y_label=f"{name} / {unit}"
+    )
     header = [f"{name[2].lower()}_mm"]
     columns: list[Vector] = [function.position_mm]
     for line, suffix in zip(lines, ("", "_approach_plus", "_approach_minus"), strict=False):
         header += [f"{name}{suffix}_{function.unit}", f"u{suffix}_{function.unit}"]
         columns += [line.y, line.u if line.u is not None else np.full(len(line.y), np.nan)]
-    return Figure(name=name, title=title, drawing=drawing, table=csv_table(header, np.column_stack(columns).tolist()))
+    return Figure(
+        name=name,
+        title=title,
+        drawing=drawing,
+        table=csv_table(header, np.column_stack(columns).tolist()),
+    )
 
 
 def _lines(function: Function, reversal: Function | None, words: dict[str, str]) -> list[Series]:
-    """Return the mean of both directions with its band, and the two directions where the data give them."""
+    """Return the mean of both directions with its band, and the two directions where the data give
+    them."""
     assert function.value is not None
     mean = Series(label=words["mean"], x=function.position_mm, y=function.value, u=function.u)
-    if reversal is None or reversal.value is None or not np.array_equal(reversal.position_mm, function.position_mm):
+    if (
+        reversal is None
+        or reversal.value is None
+        or not np.array_equal(reversal.position_mm, function.position_mm)
+    ):
         return [mean]
     half = reversal.value / 2
     approaches = ((words["approach_plus"], half), (words["approach_minus"], -half))
-    return [mean, *(Series(label=label, x=function.position_mm, y=function.value + part) for label, part in approaches)]
+    return [
+        mean,
+        *(
+            Series(label=label, x=function.position_mm, y=function.value + part)
+            for label, part in approaches
+        ),
+    ]
 
 
 def field_statistics(errors_um: Vector) -> tuple[float, float]:
@@ -66,13 +90,18 @@ def volumetric_errors(result: Result, correction: Correction | None, count: int)
     return [without_rigid_motion(result.volume, points, field) for field in fields]
 
 
-def field_figures(result: Result, correction: Correction | None, words: dict[str, str]) -> list[Figure]:
-    """Return the error field before and, where a correction is given, after it: same magnification, same colours."""
+def field_figures(
+    result: Result, correction: Correction | None, words: dict[str, str]
+) -> list[Figure]:
+    """Return the error field before and, where a correction is given, after it: same magnification,
+    same colours."""
     fields = volumetric_errors(result, correction, space.LATTICE)
     longest = max(field_statistics(field)[1] for field in fields)
     points = space.lattice_mm(result.volume)
     figures = []
-    for name, title, errors in zip(("field-before", "field-after"), (words["before"], words["after"]), fields, strict=False):
+    for name, title, errors in zip(
+        ("field-before", "field-after"), (words["before"], words["after"]), fields, strict=False
+    ):
         drawing = space.field_drawing(result.volume, errors, longest_um=longest, label=title)
         header = ["x_mm", "y_mm", "z_mm", "dx_um", "dy_um", "dz_um"]
         table = csv_table(header, np.column_stack([points, errors]).tolist())
@@ -81,25 +110,50 @@ def field_figures(result: Result, correction: Correction | None, words: dict[str
         factor = f"{space.magnification(result.volume, longest):.0f}"
         caption = f"{title}: {where}; {words['magnified'].format(factor=factor)}"
         figures.append(Figure(name=name, title=caption, drawing=drawing, table=table))
-        planes = slices.slices_drawing(result.volume, errors, longest_um=longest, label=f"{title}, {words['slices']}")
-        figures.append(Figure(name=f"{name}-slices", title=f"{title}, {words['slices']}", drawing=planes, table=table))
+        planes = slices.slices_drawing(
+            result.volume, errors, longest_um=longest, label=f"{title}, {words['slices']}"
+        )
+        figures.append(
+            Figure(
+                name=f"{name}-slices",
+                title=f"{title}, {words['slices']}",
+                drawing=planes,
+                table=table,
+            )
+        )
     return figures
 
 
 def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
-    """Return the closure residual ppp - npp - pnp - ppn by axis and node where the result carries it, else nothing."""
+    """Return the closure residual ppp - npp - pnp - ppn by axis and node where the result carries
+    it, else nothing."""
     closure = result.closure_um
     if closure is None:
         return []
     columns = [np.array(getattr(closure, axis)) for axis in AXES]
-    lines = [Series(label=axis.upper(), x=np.arange(len(y), dtype=np.float64), y=y) for axis, y in zip(AXES, columns, strict=True)]
+    lines = [
+        Series(label=axis.upper(), x=np.arange(len(y), dtype=np.float64), y=y)
+        for axis, y in zip(AXES, columns, strict=True)
+    ]
     drawing = charts.line_chart(lines, label=words["closure"], x_label=words["node"], y_label="µm")
-    rows = [(line.label, int(node), value) for line in lines for node, value in zip(line.x, line.y.tolist(), strict=True)]
-    return [Figure(name="closure", title=words["closure"], drawing=drawing, table=csv_table(["axis", "node", "closure_um"], rows))]
+    rows = [
+        (line.label, int(node), value)
+        for line in lines
+        for node, value in zip(line.x, line.y.tolist(), strict=True)
+    ]
+    return [
+        Figure(
+            name="closure",
+            title=words["closure"],
+            drawing=drawing,
+            table=csv_table(["axis", "node", "closure_um"], rows),
+        )
+    ]
 
 
 def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | None:
-    """Return lattice points in mm and the error there in um before and (None without correction) after, rigid motion removed.
+    """Return lattice points in mm and the error there in um before and (None without correction)
+    after, rigid motion removed.
 
     None where an axis did not travel: there is no volume to draw.
 

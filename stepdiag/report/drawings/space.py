@@ -1,4 +1,5 @@
-"""The error field of the volume in 3-D: a wire frame in parallel projection, which prints as well as it turns on a screen."""
+"""The error field of the volume in 3-D: a wire frame in parallel projection, which prints as well
+as it turns on a screen."""
 
 import json
 import math
@@ -28,19 +29,26 @@ def view_matrix(azimuth_deg: float = AZIMUTH_DEG, elevation_deg: float = ELEVATI
     """Return the (2, 3) matrix from machine axes to the sheet (right, up)."""
     azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
     right = [-np.sin(azimuth), np.cos(azimuth), 0.0]
-    up = [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), np.cos(elevation)]
+    up = [
+        -np.sin(elevation) * np.cos(azimuth),
+        -np.sin(elevation) * np.sin(azimuth),
+        np.cos(elevation),
+    ]
     return np.array([right, up])
 
 
 def lattice_mm(volume: Volume, count: int = LATTICE) -> Array:
     """Return ``count`` points per axis over the volume, shape (count**3, 3), z fastest."""
-    fractions = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, count)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    fractions = np.stack(
+        np.meshgrid(*[np.linspace(0.0, 1.0, count)] * 3, indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     points: Array = np.asarray(volume.origin_mm) + fractions * np.asarray(volume.size_mm)
     return points
 
 
 class WireFrame:
-    """Points in space, in pixels about the middle of the volume, the lines between them, and what a pointer finds there."""
+    """Points in space, in pixels about the middle of the volume, the lines between them, and what a
+    pointer finds there."""
 
     def __init__(self) -> None:
         self.points: list[tuple[float, float, float]] = []
@@ -60,12 +68,24 @@ class WireFrame:
         """
         flat = np.array(self.points) @ view_matrix().T
         at = [(WIDTH / 2 + x, HEIGHT / 2 - y) for x, y in flat.tolist()]
-        parts = [svg.element("path", d=svg.path([at[a], at[b]]), class_=kind, data_ends=f"{a} {b}") for a, b, kind in self.lines]
-        parts += [svg.titled(words, "path", d=svg.path([at[a], at[b]]), data_ends=f"{a} {b}") for a, b, words in self.values]
+        parts = [
+            svg.element("path", d=svg.path([at[a], at[b]]), class_=kind, data_ends=f"{a} {b}")
+            for a, b, kind in self.lines
+        ]
+        parts += [
+            svg.titled(words, "path", d=svg.path([at[a], at[b]]), data_ends=f"{a} {b}")
+            for a, b, words in self.values
+        ]
         for index, name in self.names:
             x, y = at[index]
-            parts.append(svg.text(name, x, y + 4, class_="axis strong", text_anchor="middle", data_at=str(index)))
-        return svg.element("g", *parts, class_="turns", data_points=json.dumps(self.points, separators=(",", ":")))
+            parts.append(
+                svg.text(
+                    name, x, y + 4, class_="axis strong", text_anchor="middle", data_at=str(index)
+                )
+            )
+        return svg.element(
+            "g", *parts, class_="turns", data_points=json.dumps(self.points, separators=(",", ":"))
+        )
 
 
 def _px_per_mm(volume: Volume) -> float:
@@ -73,7 +93,11 @@ def _px_per_mm(volume: Volume) -> float:
     diagonal = float(np.linalg.norm(volume.size_mm))
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * np.asarray(volume.size_mm)
     reach = 2 * np.abs(corners @ view_matrix().T).max(axis=0)
-    return min((WIDTH - 2 * MARGIN) / float(reach[0]), (HEIGHT - 2 * MARGIN) / float(reach[1]), 1.1 * (HEIGHT - MARGIN) / diagonal)
+    return min(
+        (WIDTH - 2 * MARGIN) / float(reach[0]),
+        (HEIGHT - 2 * MARGIN) / float(reach[1]),
+        1.1 * (HEIGHT - MARGIN) / diagonal,
+    )
 
 
 def _add_box(frame: WireFrame, size_px: Array) -> None:
@@ -98,8 +122,12 @@ def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
 
 
 def vector_words(point_mm: Sequence[float], error_um: Sequence[float]) -> str:
-    """Return what a pointer finds at a point of the lattice: its place, the error vector and its length."""
-    place, parts = "; ".join(f"{value:.0f}" for value in point_mm), "; ".join(svg.fixed(value) for value in error_um)
+    """Return what a pointer finds at a point of the lattice: its place, the error vector and its
+    length."""
+    place, parts = (
+        "; ".join(f"{value:.0f}" for value in point_mm),
+        "; ".join(svg.fixed(value) for value in error_um),
+    )
     return f"X; Y; Z = {place} mm: {parts} µm, |E| = {svg.fixed(math.hypot(*error_um))} µm"
 
 
@@ -116,8 +144,8 @@ def magnification(volume: Volume, longest_um: float) -> float:
 def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label: str) -> str:
     """Return the lattice as the machine really drives it, its errors magnified.
 
-    ``errors_um`` has shape (LATTICE**3, 3), the order of `lattice_mm`; ``longest_um`` sets magnification and colours, so
-    that drawings with the same value can be compared.
+    ``errors_um`` has shape (LATTICE**3, 3), the order of `lattice_mm`; ``longest_um`` sets
+    magnification and colours, so that drawings with the same value can be compared.
     """
     px_per_mm = _px_per_mm(volume)
     frame = WireFrame()
@@ -128,10 +156,14 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
     start, moved = frame.add(nominal), frame.add(nominal + errors_um * scale)
     size = np.linalg.norm(errors_um, axis=1).tolist()
     for a, b in _lattice_lines(LATTICE):
-        frame.lines.append((moved + a, moved + b, f"field f{shade(max(size[a], size[b]), longest_um)}"))
+        frame.lines.append(
+            (moved + a, moved + b, f"field f{shade(max(size[a], size[b]), longest_um)}")
+        )
     for index, magnitude in enumerate(size):
         frame.lines.append((start + index, moved + index, f"error f{shade(magnitude, longest_um)}"))
-    for index, (point, error) in enumerate(zip(lattice_mm(volume).tolist(), errors_um.tolist(), strict=True)):
+    for index, (point, error) in enumerate(
+        zip(lattice_mm(volume).tolist(), errors_um.tolist(), strict=True)
+    ):
         frame.values.append((start + index, moved + index, vector_words(point, error)))
     return svg.drawing(WIDTH, HEIGHT, label, frame.markup(), *_key(longest_um))
 
@@ -142,6 +174,16 @@ def _key(longest_um: float) -> list[str]:
     parts = [svg.text("µm", left - 6, HEIGHT - 8, class_="tick", text_anchor="end")]
     for index in range(SHADES):
         x = left + index * 30
-        parts.append(svg.element("rect", x=x, y=HEIGHT - 28, width=30.0, height=7.0, class_=f"key f{index}"))
-        parts.append(svg.text(f"{longest_um * (index + 1) / SHADES:.3g}", x + 30, HEIGHT - 8, class_="tick", text_anchor="middle"))
+        parts.append(
+            svg.element("rect", x=x, y=HEIGHT - 28, width=30.0, height=7.0, class_=f"key f{index}")
+        )
+        parts.append(
+            svg.text(
+                f"{longest_um * (index + 1) / SHADES:.3g}",
+                x + 30,
+                HEIGHT - 8,
+                class_="tick",
+                text_anchor="middle",
+            )
+        )
     return parts

@@ -1,4 +1,5 @@
-"""SVG written by hand: every text escaped, every number rounded once, so that equal input gives equal bytes."""
+"""SVG written by hand: every text escaped, every number rounded once, so that equal input gives
+equal bytes."""
 
 from collections.abc import Iterable
 from html import escape
@@ -12,18 +13,21 @@ def number(value: float) -> str:
 
 
 def fixed(value: float) -> str:
-    """Return a value as a person reads it: two decimals, the same on every processor, no minus nought."""
+    """Return a value as a person reads it: two decimals, the same on every processor, no minus
+    nought."""
     return f"{steady(value, 2):.2f}"
 
 
 def element(tag: str, *content: str, **attributes: str | float) -> str:
     """Return one element.
 
-    ``content`` is markup already; attribute values are escaped. ``class_`` is written ``class`` and an underscore
-    in a name becomes a hyphen (``stroke_width``).
+    ``content`` is markup already; attribute values are escaped. ``class_`` is written ``class`` and
+    an underscore in a name becomes a hyphen (``stroke_width``).
     """
     written = "".join(
-        f' {name.rstrip("_").replace("_", "-")}="{escape(value) if isinstance(value, str) else number(value)}"'
+        " "
+        f"{name.rstrip('_').replace('_', '-')}"
+        f'="{escape(value) if isinstance(value, str) else number(value)}"'
         for name, value in attributes.items()
     )
     return f"<{tag}{written}>{''.join(content)}</{tag}>" if content else f"<{tag}{written}/>"

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """``scale`` machine seconds pass in one wall second: a survey of hours becomes a demonstration of seconds."""
+    """``scale`` machine seconds pass in one wall second: a survey of hours becomes a demonstration
+    of seconds."""
 
     scale: float = 1.0
     started_s: float = field(default_factory=time.monotonic)

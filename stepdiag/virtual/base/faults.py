@@ -1,15 +1,20 @@
 """Scripted faults and their times.
 
-    laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent, laser-unplug, laser-garbage (value bytes),
+    laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent,
+    laser-unplug, laser-garbage (value bytes),
               laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
     air       air-silent, air-unplug, air-garbage (value bytes), air-baud
     PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen,
-              plc-reboot (value other than 0: its counter is kept), plc-sensor (text name, value), stop-flicker, plc-alarm
-    program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end of its pass),
-              axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in machine seconds),
+              plc-reboot (value other than 0: its counter is kept), plc-sensor (text name, value),
+              stop-flicker, plc-alarm
+    program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end
+    of its pass),
+              axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in
+              machine seconds),
               dwell-longer (so much longer at the stop, in machine seconds),
-              program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
+              program-aborted (value: stops to go back before it is restarted; its duration in
+              machine seconds)
 
 Garbage of a value below 0 is a loss of so many bytes instead. A fault strikes once: ``delay_s``
 after the program comes to its place; without a place, ``delay_s`` after the start of the bench.
@@ -63,7 +68,8 @@ PROGRAM = frozenset(get_args(ProgramFault))
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One fault. ``setup``, ``pass_number`` and ``stop`` name its place (None: any); times are wall seconds."""
+    """One fault. ``setup``, ``pass_number`` and ``stop`` name its place (None: any); times are wall
+    seconds."""
 
     kind: FaultKind
     setup: str | None = None
@@ -105,9 +111,14 @@ class FaultBoard:
                 self._armed.append((wall_s + fault.delay_s, fault))
 
     def reach(self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float) -> None:
-        """Arm what waits for this place; the faults of the program itself wait until it takes them."""
+        """Arm what waits for this place; the faults of the program itself wait until it takes
+        them."""
         with self._lock:
-            for fault in [f for f in self._waiting if f.kind not in PROGRAM and f.phase == phase and f.is_at(setup, pass_number, stop)]:
+            for fault in [
+                f
+                for f in self._waiting
+                if f.kind not in PROGRAM and f.phase == phase and f.is_at(setup, pass_number, stop)
+            ]:
                 self._waiting.remove(fault)
                 self._armed.append((wall_s + fault.delay_s, fault))
 
@@ -133,12 +144,18 @@ class FaultBoard:
         of samples.
         """
         with self._lock:
-            return [(start_s, start_s + fault.duration_s) for start_s, fault in self._armed if fault.kind == kind]
+            return [
+                (start_s, start_s + fault.duration_s)
+                for start_s, fault in self._armed
+                if fault.kind == kind
+            ]
 
     def due(self, kind: FaultKind, wall_s: float) -> list[Fault]:
         """Return and use up the faults of this kind that strike once, up to ``wall_s``."""
         with self._lock:
-            struck = [entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s]
+            struck = [
+                entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s
+            ]
             for entry in struck:
                 self._armed.remove(entry)
         return [fault for _, fault in struck]

@@ -51,7 +51,8 @@ class Line(Protocol):
 
 
 class SerialLine:
-    """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged in.
+    """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged
+    in.
 
     A line without a reader is like a closed port: old bytes are thrown away, so that a later reader
     gets the present. A ``lossless`` line waits for its reader instead, for load tests.
@@ -145,7 +146,9 @@ class SerialLine:
             self._full_since_s = None
 
     def _unread(self) -> int:
-        waiting: int = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0"))[0]
+        waiting: int = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0"))[
+            0
+        ]
         return waiting
 
 
@@ -194,7 +197,8 @@ class TcpLine:
         """There is no wait here."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the guest; what a guest that does not read has no room for is lost, and so is the guest."""
+        """Send bytes to the guest; what a guest that does not read has no room for is lost, and so
+        is the guest."""
         self._admit()
         rest = memoryview(data)
         while rest and self._guest is not None:

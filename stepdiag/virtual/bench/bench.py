@@ -29,7 +29,14 @@ from stepdiag.virtual.instruments.angular import AngleView, Autocollimator, Leve
 from stepdiag.virtual.instruments.interferometers import Climate
 from stepdiag.virtual.instruments.lasers import Flags
 from stepdiag.virtual.instruments.readout import HeadView, Readout
-from stepdiag.virtual.instruments.talker import AIR_CABLE, HEAD_CABLE, LASER_CABLE, Answering, Talker, Talking
+from stepdiag.virtual.instruments.talker import (
+    AIR_CABLE,
+    HEAD_CABLE,
+    LASER_CABLE,
+    Answering,
+    Talker,
+    Talking,
+)
 from stepdiag.virtual.instruments.weather import Logger, Transmitter
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.machine import Machine
@@ -85,7 +92,8 @@ class VirtualBench:
 
     @property
     def addresses(self) -> dict[str, str | int]:
-        """Return where the devices are: ``plc_host`` and ``plc_port`` or ``plc_link``, ``laser_link``, ``head_link``, ``air_link``."""
+        """Return where the devices are: ``plc_host`` and ``plc_port`` or ``plc_link``,
+        ``laser_link``, ``head_link``, ``air_link``."""
         return dict(self._addresses)
 
     def start(self) -> None:
@@ -103,7 +111,12 @@ class VirtualBench:
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def start_setup(self, again: str = "") -> None:
@@ -114,7 +127,9 @@ class VirtualBench:
         """
         if again and again not in self._plan.setups:
             raise ValueError(f"expected a setup of {', '.join(self._plan.setups)}, found {again!r}")
-        self._player.start(self._clock.machine_s(), one_more(self._plan, again, self._faults) if again else ())
+        self._player.start(
+            self._clock.machine_s(), one_more(self._plan, again, self._faults) if again else ()
+        )
 
     def inject(self, fault: Fault) -> None:
         """Let a fault strike ``delay_s`` from now, or wait for its place."""
@@ -138,10 +153,14 @@ class VirtualBench:
             lag_s=part.lag_s,
             base=part.base,
             order=part.order,
-            registers=PositionRegisters(shows=part.positions, scatter_um=part.scatter_um, resolution_mm=part.resolution_mm),
+            registers=PositionRegisters(
+                shows=part.positions, scatter_um=part.scatter_um, resolution_mm=part.resolution_mm
+            ),
             seed=self.config.seed,
         )
-        slave = Slave(plc, unit=part.unit, clock=self._clock, faults=self._faults, attention=self._attention)
+        slave = Slave(
+            plc, unit=part.unit, clock=self._clock, faults=self._faults, attention=self._attention
+        )
         if part.transport == "tcp":
             server = TcpSlave(slave, host=part.host, port=part.port)
             self._addresses |= {"plc_host": part.host, "plc_port": server.port}
@@ -162,10 +181,16 @@ class VirtualBench:
             setup_builder(self.config, self.machine),
             refresh_s=self.config.time_scale,
         )
-        line = TcpLine() if part.wire == "tcp" else SerialLine(directory / part.link, lossless=part.lossless)
+        line = (
+            TcpLine()
+            if part.wire == "tcp"
+            else SerialLine(directory / part.link, lossless=part.lossless)
+        )
         self._addresses["laser_link"] = line.name
         around = Surroundings(self._climate, self._standing)
-        device = build_laser(part, readout.read, self.config.seed, around, clock=self._clock, faults=self._faults)
+        device = build_laser(
+            part, readout.read, self.config.seed, around, clock=self._clock, faults=self._faults
+        )
         self._workers.append(
             Talker(
                 line,
@@ -173,7 +198,9 @@ class VirtualBench:
                 LASER_CABLE,
                 clock=self._clock,
                 faults=self._faults,
-                powered=lambda: self._faults.inject(Fault(kind="laser-reset"), self._clock.wall_s()),
+                powered=lambda: self._faults.inject(
+                    Fault(kind="laser-reset"), self._clock.wall_s()
+                ),
                 chunk_s=part.chunk_s,
             )
         )
@@ -199,8 +226,19 @@ class VirtualBench:
             return
         line = SerialLine(directory / part.link)
         self._addresses["head_link"] = str(line.link)
-        device = self._angular(part) if part.format in ("elcomat", "wyler") else self._four_dof(part)
-        self._workers.append(Talker(line, device, HEAD_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
+        device = (
+            self._angular(part) if part.format in ("elcomat", "wyler") else self._four_dof(part)
+        )
+        self._workers.append(
+            Talker(
+                line,
+                device,
+                HEAD_CABLE,
+                clock=self._clock,
+                faults=self._faults,
+                chunk_s=_HEAD_CHUNK_S,
+            )
+        )
 
     def _add_air(self, directory: Path) -> None:
         part = self.config.air
@@ -209,11 +247,27 @@ class VirtualBench:
         line = TcpLine() if part.wire == "tcp" else SerialLine(directory / part.link)
         self._addresses["air_link"] = line.name
         device = Transmitter(self._climate) if part.format == "ptu300" else Logger(self._climate)
-        self._workers.append(Talker(line, device, AIR_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
+        self._workers.append(
+            Talker(
+                line,
+                device,
+                AIR_CABLE,
+                clock=self._clock,
+                faults=self._faults,
+                chunk_s=_HEAD_CHUNK_S,
+            )
+        )
 
     def _angular(self, part: HeadPart) -> Talking | Answering:
         stand = self.config.alignment.stand
-        view = AngleView(self.machine, self._player, self._drive, clock=self._clock, stand=stand, seed=self.config.seed)
+        view = AngleView(
+            self.machine,
+            self._player,
+            self._drive,
+            clock=self._clock,
+            stand=stand,
+            seed=self.config.seed,
+        )
         return Autocollimator(view.look) if part.format == "elcomat" else Level(view.look)
 
     def _four_dof(self, part: HeadPart) -> Talking | Answering:
@@ -244,7 +298,11 @@ class VirtualBench:
     def _unseen(self, segment: Segment) -> bool:
         """Return whether a step must go on because the recorder was held up while it lasted."""
         scale = self._clock.scale
-        wanted_s = _SEEN * segment.step.duration_s / scale if segment.step.kind == "dwell" else _SEEN_MOVING_S
+        wanted_s = (
+            _SEEN * segment.step.duration_s / scale
+            if segment.step.kind == "dwell"
+            else _SEEN_MOVING_S
+        )
         return self._attention.lacking(segment.start_s / scale, self._clock.wall_s(), wanted_s)
 
     def _say(self, event: str, setup: str) -> None:

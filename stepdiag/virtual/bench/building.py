@@ -13,17 +13,46 @@ from stepdiag.virtual.bench.config import BenchConfig, HeadPart, LaserPart
 from stepdiag.virtual.control.compensation import load_files
 from stepdiag.virtual.drive.player import Drive
 from stepdiag.virtual.drive.program import Plan
-from stepdiag.virtual.drive.sequence import Box, base_name, outward_direction, outward_stops_mm, register_of
+from stepdiag.virtual.drive.sequence import (
+    Box,
+    base_name,
+    outward_direction,
+    outward_stops_mm,
+    register_of,
+)
 from stepdiag.virtual.drive.setups import Alignment, aligned_setup
 from stepdiag.virtual.instruments.binary import BinaryFrames
 from stepdiag.virtual.instruments.head import Disturbance, HeadStand, VirtualHead, Wander
 from stepdiag.virtual.instruments.head_wire import FourdofHead, Look, QuadrantDetector
 from stepdiag.virtual.instruments.interferometers import AskClimate, Ids3010, Lasertex, Qudis
-from stepdiag.virtual.instruments.laser_source import AskedLaser, CommandedLaser, Counter, MarkedLaser, Read, TalkingLaser
-from stepdiag.virtual.instruments.lasers import BOARDS, AsciiLine, Encoder, Flags, NdDisplay, UmdBoard
+from stepdiag.virtual.instruments.laser_source import (
+    AskedLaser,
+    CommandedLaser,
+    Counter,
+    MarkedLaser,
+    Read,
+    TalkingLaser,
+)
+from stepdiag.virtual.instruments.lasers import (
+    BOARDS,
+    AsciiLine,
+    Encoder,
+    Flags,
+    NdDisplay,
+    UmdBoard,
+)
 from stepdiag.virtual.instruments.talker import Answering, Talking
 from stepdiag.virtual.physics.environment import Environment
-from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, Array, ErrorFunction, ErrorSet, Table, Waved, random_errors
+from stepdiag.virtual.physics.error_functions import (
+    AXES,
+    Amplitudes,
+    Array,
+    ErrorFunction,
+    ErrorSet,
+    Table,
+    Waved,
+    random_errors,
+)
 from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.machine import Machine, Setup
 from stepdiag.virtual.physics.optics import perpendiculars, tilted
@@ -44,7 +73,8 @@ def build_box(config: BenchConfig) -> Box:
 
 
 def build_errors(config: BenchConfig) -> ErrorSet:
-    """Return the 21 errors and the reversal (backlash as lost motion: the axis lags by half of it in either direction)."""
+    """Return the 21 errors and the reversal (backlash as lost motion: the axis lags by half of it
+    in either direction)."""
     part, volume = config.machine, config.volume
     amplitudes = Amplitudes(
         positioning_um=part.positioning_um,
@@ -55,21 +85,37 @@ def build_errors(config: BenchConfig) -> ErrorSet:
     )
     drawn = random_errors(config.seed, volume.origin_mm, volume.size_mm, amplitudes)
     tables = {name: Table(table.position_mm, table.value) for name, table in part.tables.items()}
-    lost = {f"E{a}{a}": Table((0.0,), (-um,)) for a, um in zip(AXES, part.backlash_um, strict=True) if um}
+    lost = {
+        f"E{a}{a}": Table((0.0,), (-um,))
+        for a, um in zip(AXES, part.backlash_um, strict=True)
+        if um
+    }
     return replace(
         drawn,
-        functions={**drawn.functions, **tables, **_on_screws(config, {**drawn.functions, **tables})},
+        functions={
+            **drawn.functions,
+            **tables,
+            **_on_screws(config, {**drawn.functions, **tables}),
+        },
         squareness_urad={**drawn.squareness_urad, **part.squareness},
         reversal=lost,
     )
 
 
-def _on_screws(config: BenchConfig, functions: Mapping[str, ErrorFunction]) -> dict[str, ErrorFunction]:
+def _on_screws(
+    config: BenchConfig, functions: Mapping[str, ErrorFunction]
+) -> dict[str, ErrorFunction]:
     """Return the positioning functions with the periodic errors of their screws."""
     part, low_mm = config.machine, config.volume.origin_mm
     phases = np.random.default_rng((config.seed, 10)).uniform(0.0, 2.0 * math.pi, size=3)
     return {
-        f"E{a}{a}": Waved(functions[f"E{a}{a}"], part.screw_um[axis], part.screw_pitch_mm, float(phases[axis]), low_mm[axis])
+        f"E{a}{a}": Waved(
+            functions[f"E{a}{a}"],
+            part.screw_um[axis],
+            part.screw_pitch_mm,
+            float(phases[axis]),
+            low_mm[axis],
+        )
         for axis, a in enumerate(AXES)
         if part.screw_um[axis]
     }
@@ -79,7 +125,12 @@ def _build_growth(config: BenchConfig) -> Growth | None:
     part = config.machine
     if not any(part.growth_um_m):
         return None
-    return Growth(um_m=part.growth_um_m, bearing_mm=part.growth_bearing_mm, tau_s=part.growth_tau_s, begun_s=part.growth_begun_s)
+    return Growth(
+        um_m=part.growth_um_m,
+        bearing_mm=part.growth_bearing_mm,
+        tau_s=part.growth_tau_s,
+        begun_s=part.growth_begun_s,
+    )
 
 
 def build_machine(config: BenchConfig) -> Machine:
@@ -94,10 +145,15 @@ def build_machine(config: BenchConfig) -> Machine:
         drift_um_h=part.drift_um_h,
         growth=_build_growth(config),
         environment=Environment(
-            material_c=hall.material_c, air_c=hall.air_c, pressure_hpa=hall.pressure_hpa, humidity_percent=hall.humidity_percent
+            material_c=hall.material_c,
+            air_c=hall.air_c,
+            pressure_hpa=hall.pressure_hpa,
+            humidity_percent=hall.humidity_percent,
         ),
         compensations=[
-            table for loaded in config.compensation for table in load_files(loaded.control, [Path(f) for f in loaded.files], part.chain)
+            table
+            for loaded in config.compensation
+            for table in load_files(loaded.control, [Path(f) for f in loaded.files], part.chain)
         ],
     )
 
@@ -147,7 +203,8 @@ def build_plan(config: BenchConfig) -> Plan:
 
 
 def alignment_of(config: BenchConfig, setup: str) -> Alignment:
-    """Return how well this setup is aligned; the directions of its angles are drawn by seed and name."""
+    """Return how well this setup is aligned; the directions of its angles are drawn by seed and
+    name."""
     part, laser = config.alignment, config.laser or LaserPart()
     rng = np.random.default_rng([config.seed, *setup.encode("ascii")])
     mirror, beam = rng.uniform(0.0, 2.0 * math.pi, size=2)
@@ -178,11 +235,13 @@ def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setu
     return setup_of
 
 
-def head_builder(config: BenchConfig, part: HeadPart, machine: Machine) -> Callable[[str], VirtualHead]:
+def head_builder(
+    config: BenchConfig, part: HeadPart, machine: Machine
+) -> Callable[[str], VirtualHead]:
     """Return the function that stands the 4-DOF head up for a run along an axis, once per run.
 
-    The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z for a beam along +X, -X and
-    +Z along +Y, +X and +Y along +Z.
+    The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z
+    for a beam along +X, -X and +Z along +Y, +X and +Y along +Z.
     """
     box = build_box(config)
     built: dict[str, VirtualHead] = {}
@@ -195,20 +254,33 @@ def head_builder(config: BenchConfig, part: HeadPart, machine: Machine) -> Calla
     return head_of
 
 
-def _stand_up(config: BenchConfig, part: HeadPart, machine: Machine, box: Box, setup: str) -> VirtualHead:
+def _stand_up(
+    config: BenchConfig, part: HeadPart, machine: Machine, box: Box, setup: str
+) -> VirtualHead:
     rng = np.random.default_rng([config.seed, *setup.encode("ascii")])
     angle = rng.uniform(0.0, 2.0 * math.pi)
-    beam = tilted(outward_direction(box, setup), (part.beam_mrad * math.cos(angle), part.beam_mrad * math.sin(angle)))
+    beam = tilted(
+        outward_direction(box, setup),
+        (part.beam_mrad * math.cos(angle), part.beam_mrad * math.sin(angle)),
+    )
     right, up = perpendiculars(beam)
     vertex = np.array(part.vertex_mm, dtype=np.float64)
     start = machine.pose(outward_stops_mm(box, setup)[:1], stand=config.alignment.stand)
     stand = HeadStand(start.point_mm(vertex)[0] - part.standoff_mm * beam, beam, right, up)
     disturbance = Disturbance(
-        pointing_urad=Wander(amplitude=part.pointing_urad, period_s=part.pointing_period_s, seed=config.seed),
-        wobble_urad=Wander(amplitude=part.wobble_urad, period_s=part.wobble_period_s, seed=config.seed + 2),
-        bending_urad_m=Wander(amplitude=part.bending_urad_m, period_s=part.bending_period_s, seed=config.seed + 1),
+        pointing_urad=Wander(
+            amplitude=part.pointing_urad, period_s=part.pointing_period_s, seed=config.seed
+        ),
+        wobble_urad=Wander(
+            amplitude=part.wobble_urad, period_s=part.wobble_period_s, seed=config.seed + 2
+        ),
+        bending_urad_m=Wander(
+            amplitude=part.bending_urad_m, period_s=part.bending_period_s, seed=config.seed + 1
+        ),
     )
-    return VirtualHead(part.optics, stand, start, vertex_mm=vertex, disturbance=disturbance, seed=config.seed)
+    return VirtualHead(
+        part.optics, stand, start, vertex_mm=vertex, disturbance=disturbance, seed=config.seed
+    )
 
 
 def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
@@ -228,25 +300,59 @@ class Surroundings:
     stopped: Callable[[Array], Flags]
 
 
-def build_laser(laser: LaserPart, read: Read, seed: int, around: Surroundings, *, clock: Clock, faults: FaultBoard) -> Talking | Answering:
+def build_laser(
+    laser: LaserPart,
+    read: Read,
+    seed: int,
+    around: Surroundings,
+    *,
+    clock: Clock,
+    faults: FaultBoard,
+) -> Talking | Answering:
     """Return what talks on the laser's line."""
     counter = Counter(sign=laser.sign, noise_um=laser.noise_um, seed=seed)
     match laser.format:
         case "nd" | "ids3010":
-            display = NdDisplay(resolution_mm=laser.resolution_mm) if laser.format == "nd" else Ids3010(around.climate)
-            return AskedLaser(display, read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
+            display = (
+                NdDisplay(resolution_mm=laser.resolution_mm)
+                if laser.format == "nd"
+                else Ids3010(around.climate)
+            )
+            return AskedLaser(
+                display, read, counter, clock=clock, faults=faults, latency_s=laser.latency_s
+            )
         case "lasertex":
-            return CommandedLaser(Lasertex(around.climate), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
+            return CommandedLaser(
+                Lasertex(around.climate),
+                read,
+                counter,
+                clock=clock,
+                faults=faults,
+                latency_s=laser.latency_s,
+            )
         case "qudis":
-            return MarkedLaser(Qudis(around.stopped), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
-    return TalkingLaser(_encoder(laser), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
+            return MarkedLaser(
+                Qudis(around.stopped),
+                read,
+                counter,
+                clock=clock,
+                faults=faults,
+                latency_s=laser.latency_s,
+            )
+    return TalkingLaser(
+        _encoder(laser), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s
+    )
 
 
 def _encoder(laser: LaserPart) -> Encoder:
     if laser.format == "frames":
         return BinaryFrames(rate_hz=laser.rate_hz or _LINE_RATE_HZ, order=laser.byte_order)
     if laser.format == "line":
-        return AsciiLine(rate_hz=laser.rate_hz or _LINE_RATE_HZ, text=laser.line_text, counter_modulus=laser.counter_modulus)
+        return AsciiLine(
+            rate_hz=laser.rate_hz or _LINE_RATE_HZ,
+            text=laser.line_text,
+            counter_modulus=laser.counter_modulus,
+        )
     return UmdBoard(
         BOARDS[laser.board],
         wavelength_nm=laser.wavelength_nm,

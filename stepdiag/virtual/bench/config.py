@@ -30,7 +30,8 @@ class VolumePart(_Part, frozen=True):
 
 
 class OffsetPart(_Part, frozen=True):
-    """A setup driven through a shifted beam: it is named ``ppp+1``, ``ppp+2`` in the order of the file."""
+    """A setup driven through a shifted beam: it is named ``ppp+1``, ``ppp+2`` in the order of the
+    file."""
 
     setup: str
     offset_mm: Three
@@ -72,7 +73,8 @@ class TablePart(_Part, frozen=True):
 
 
 class MachinePart(_Part, frozen=True):
-    """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by a table.
+    """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by
+    a table.
 
     ``repeatability_um`` and ``servo_um`` are standard deviations of an arrival of an axis
     (`stepdiag.virtual.drive.player.Drive`). ``screw_um`` is the amplitude of a periodic error of
@@ -160,7 +162,8 @@ class LaserPart(_Part, frozen=True):
 
 
 class HeadPart(_Part, frozen=True):
-    """The 4-DOF head on its own line; it has light during ``fourdof`` runs only. Optics as in `stepdiag.virtual.instruments.head`."""
+    """The 4-DOF head on its own line; it has light during ``fourdof`` runs only. Optics as in
+    `stepdiag.virtual.instruments.head`."""
 
     format: Literal["fourdof", "tqd", "elcomat", "wyler"] = "fourdof"
     encoding: Literal["binary", "ascii"] = "binary"
@@ -191,9 +194,10 @@ class AirPart(_Part, frozen=True):
 class PlcPart(_Part, frozen=True):
     """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
 
-    ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal. ``positions`` are commanded or actual ones. The
-    actual ones show ``machine.servo_um`` and scatter by ``scatter_um`` (standard deviation) from scan to scan; ``resolution_mm`` is the
-    last digit that the control shows.
+    ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal.
+    ``positions`` are commanded or actual ones. The actual ones show ``machine.servo_um`` and
+    scatter by ``scatter_um`` (standard deviation) from scan to scan; ``resolution_mm`` is the last
+    digit that the control shows.
     """
 
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -211,14 +215,16 @@ class PlcPart(_Part, frozen=True):
 
 
 class CompensationPart(_Part, frozen=True):
-    """Files loaded into the virtual control before it starts, relative to the configuration file."""
+    """Files loaded into the virtual control before it starts, relative to the configuration
+    file."""
 
     control: Control
     files: tuple[str, ...]
 
 
 class BenchConfig(_Part, frozen=True):
-    """Everything. ``time_scale`` machine seconds pass in one wall second; ``seed`` draws all that is random."""
+    """Everything. ``time_scale`` machine seconds pass in one wall second; ``seed`` draws all that
+    is random."""
 
     seed: int = 1
     time_scale: float = 1.0
@@ -246,6 +252,7 @@ def read_config(file: Path) -> BenchConfig:
         raise ValueError(f"{file}: expected at most {LARGEST_BYTES} bytes")
     config = load_config(file.read_text(encoding="utf-8"))
     resolved = tuple(
-        msgspec.structs.replace(part, files=tuple(str(file.parent / name) for name in part.files)) for part in config.compensation
+        msgspec.structs.replace(part, files=tuple(str(file.parent / name) for name in part.files))
+        for part in config.compensation
     )
     return msgspec.structs.replace(config, compensation=resolved)

@@ -30,12 +30,16 @@ class AxisTable:
 
     def __post_init__(self) -> None:
         if len(self.position_mm) != len(self.value_mm) or not self.position_mm:
-            raise ValueError(f"table: expected one value per position, found {len(self.value_mm)} for {len(self.position_mm)}")
+            raise ValueError(
+                f"table: expected one value per position, found {len(self.value_mm)} for "
+                f"{len(self.position_mm)}"
+            )
         if np.any(np.diff(self.position_mm) <= 0.0):
             raise ValueError(f"table: expected ascending positions, found {self.position_mm}")
 
     def value_at(self, commanded_mm: Array) -> Array:
-        """Return the table's value at commanded positions (N, 3), shape (N,), without regard to direction."""
+        """Return the table's value at commanded positions (N, 3), shape (N,), without regard to
+        direction."""
         position = commanded_mm[:, self.input_axis]
         nodes, values = np.array(self.position_mm), np.array(self.value_mm)
         value: Array
@@ -47,8 +51,11 @@ class AxisTable:
         return value if self.factor is None else value * self.factor.value_at(commanded_mm)
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
-        """Return what is added to the axes, shape (N, 3). Direction 0 stands for the mean of both directions."""
-        acting = 1.0 if self.travel == 0 else 0.5 * (1.0 + self.travel * direction[:, self.input_axis])
+        """Return what is added to the axes, shape (N, 3). Direction 0 stands for the mean of both
+        directions."""
+        acting = (
+            1.0 if self.travel == 0 else 0.5 * (1.0 + self.travel * direction[:, self.input_axis])
+        )
         correction = np.zeros_like(commanded_mm)
         correction[:, self.output_axis] = acting * self.value_at(commanded_mm)
         return correction

@@ -1,4 +1,5 @@
-"""A virtual ISG kernel with volumetric compensation: ISG_CSV files (TF5280, 296429067), values in mm and rad (296426379).
+"""A virtual ISG kernel with volumetric compensation: ISG_CSV files (TF5280, 296429067), values in
+mm and rad (296426379).
 
 Position errors have one row and no argument, functions a row per position of their axis; ``#``
 begins another heading.
@@ -9,7 +10,9 @@ import numpy as np
 from stepdiag.virtual.control.chain import SQUARENESS_TURNS, ChainTable, Nodes
 
 
-def load_volumetric(text: str, *, chain: str = "FXYZ", carries: bool = False, negate: str = "") -> ChainTable:
+def load_volumetric(
+    text: str, *, chain: str = "FXYZ", carries: bool = False, negate: str = ""
+) -> ChainTable:
     """Return what a volumetric file does on a machine of this chain. Raises ValueError for a column
     unknown to the kernel.
     """
@@ -27,7 +30,9 @@ def load_volumetric(text: str, *, chain: str = "FXYZ", carries: bool = False, ne
             if name not in SQUARENESS_TURNS:
                 raise ValueError(f"{name}: expected a squareness")
             squareness[name] = float(value)
-    return ChainTable(chain=chain, functions=functions, squareness_rad=squareness, carries=carries, negated=negate)
+    return ChainTable(
+        chain=chain, functions=functions, squareness_rad=squareness, carries=carries, negated=negate
+    )
 
 
 def _blocks(text: str) -> list[list[list[str]]]:

@@ -34,14 +34,19 @@ class ChainTable:
     negated: str = ""
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - these tables know no direction of travel
-        """Return what is added to the axes at commanded positions, shape (N, 3): levers count from the zero of the axes."""
+        """Return what is added to the axes at commanded positions, shape (N, 3): levers count from
+        the zero of the axes."""
         work, tool = split_chain(self.chain)
         at = np.zeros_like(commanded_mm, dtype=np.float64)
-        for axis in reversed((*work, *tool)):  # from the tool to the table, each row takes the point that stands on it
+        for axis in reversed(
+            (*work, *tool)
+        ):  # from the tool to the table, each row takes the point that stands on it
             travel = self._travel(axis, commanded_mm)
             inside = self.before_travel or axis in tool
             at = at if inside else at + travel
-            at = np.einsum("nij,nj->ni", rotation_matrix(self._values("ABC", axis, commanded_mm)), at)
+            at = np.einsum(
+                "nij,nj->ni", rotation_matrix(self._values("ABC", axis, commanded_mm)), at
+            )
             at = at + self._values("XYZ", axis, commanded_mm) + (travel if inside else 0.0)
             if self.carries:
                 at = self._leaning(axis, at)
@@ -69,5 +74,9 @@ class ChainTable:
         columns = []
         for word in words:
             nodes = self.functions.get(f"E{word}{AXES[axis].upper()}")
-            columns.append(np.zeros(len(commanded_mm)) if nodes is None else np.interp(commanded_mm[:, axis], *nodes))
+            columns.append(
+                np.zeros(len(commanded_mm))
+                if nodes is None
+                else np.interp(commanded_mm[:, axis], *nodes)
+            )
         return np.stack(columns, axis=-1)

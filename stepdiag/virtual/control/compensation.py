@@ -1,4 +1,5 @@
-"""Loading compensation files into the virtual control, by the law of the control they are written for."""
+"""Loading compensation files into the virtual control, by the law of the control they are written
+for."""
 
 import re
 from collections.abc import Sequence
@@ -41,12 +42,19 @@ def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> 
         return [load_volumetric(text, chain=chain) for text in texts]
     if control == "heidenhain":
         return [_heidenhain(dict(zip((file.name for file in files), texts, strict=True)))]
-    return [table for file, text in zip(files, texts, strict=True) for table in _linuxcnc(file, text)]
+    return [
+        table for file, text in zip(files, texts, strict=True) for table in _linuxcnc(file, text)
+    ]
 
 
 def _heidenhain(texts: dict[str, str]) -> ChainTable:
-    """Return what .COM tables do that are called by the names of their axes, with the rows of the kinematics table where there are any."""
-    tables = {found[1]: text for name, text in texts.items() if (found := re.match(r"AXIS[-_](\w+?)(?:_UNTESTED_SIGN)?\.COM\Z", name))}
+    """Return what .COM tables do that are called by the names of their axes, with the rows of the
+    kinematics table where there are any."""
+    tables = {
+        found[1]: text
+        for name, text in texts.items()
+        if (found := re.match(r"AXIS[-_](\w+?)(?:_UNTESTED_SIGN)?\.COM\Z", name))
+    }
     lines = "".join(text for name, text in texts.items() if name.endswith(".txt"))
     return load_tables(tables, lines, axis_names={name: "XYZ"[AXIS_NAMES[name]] for name in tables})
 
@@ -58,5 +66,7 @@ def _linuxcnc(file: Path, text: str) -> Sequence[Acting]:
         return load_matrix(text)
     named = re.search(r"(?:^|[^a-z])([xyz])(?:\Z|[^a-z])|([xyz])\Z", file.stem.lower())
     if named is None:
-        raise ValueError(f"{file.name}: expected an axis in the name of a screw file, such as screw_x.comp")
+        raise ValueError(
+            f"{file.name}: expected an axis in the name of a screw file, such as screw_x.comp"
+        )
     return load_screw_file(text, "xyz".index(named[1] or named[2]))

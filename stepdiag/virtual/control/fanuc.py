@@ -1,7 +1,8 @@
 """A virtual FANUC control: stored pitch error compensation from punched parameter and pitch data.
 
-B-64303CM-1/01 section 1.3.1 and B-63980EN/01 p. 100: point N covers the section N-1 to N and holds what is added when the axis
-passes it in +; the compensation is output at the point, not interpolated. It is added to the command.
+B-64303CM-1/01 section 1.3.1 and B-63980EN/01 p. 100: point N covers the section N-1 to N and holds
+what is added when the axis passes it in +; the compensation is output at the point, not
+interpolated. It is added to the command.
 """
 
 import re
@@ -25,7 +26,8 @@ class _Memory:
     """Parameters that belong to no axis."""
 
     def read(self, text: str) -> None:
-        """Read from the first % to the next one: what follows a stray % is lost, as on the machine."""
+        """Read from the first % to the next one: what follows a stray % is lost, as on the
+        machine."""
         body = text.replace("\r", "\n").split("%")
         for line in (body[1] if len(body) > 1 else body[0]).split("\n"):
             if found := _LINE.match(line):
@@ -35,7 +37,9 @@ class _Memory:
         by_axis = _AXIS_WORD.findall(words)
         plain = _PLAIN_WORD.match(words)
         if by_axis:
-            self.parameters.setdefault(number, {}).update({int(axis): value for axis, value in by_axis})
+            self.parameters.setdefault(number, {}).update(
+                {int(axis): value for axis, value in by_axis}
+            )
         elif plain and number >= _FIRST_PITCH_LINE and kind != _PARAMETER_KIND:
             self.pitch[number - _FIRST_PITCH_LINE] = int(plain[1])
         elif plain:
@@ -55,16 +59,24 @@ class _Memory:
         try:
             return self.parameters[number][axis]
         except KeyError:
-            raise ValueError(f"parameter {number} of axis {axis}: expected a value, found none") from None
+            raise ValueError(
+                f"parameter {number} of axis {axis}: expected a value, found none"
+            ) from None
 
 
 def load_fanuc(
-    texts: Iterable[str], *, detection_unit_um: float = 1.0, least_input_mm: float = 0.001, interpolated: bool = False
+    texts: Iterable[str],
+    *,
+    detection_unit_um: float = 1.0,
+    least_input_mm: float = 0.001,
+    interpolated: bool = False,
 ) -> list[AxisTable]:
-    """Return the tables of axes 1 to 3 after ``texts`` (parameters and pitch data, one or several files) have been read in.
+    """Return the tables of axes 1 to 3 after ``texts`` (parameters and pitch data, one or several
+    files) have been read in.
 
-    An axis whose parameter 3624 (interval) is 0 or not there has no compensation. ``interpolated``: series that interpolate between points.
-    Raises ValueError for a missing parameter or pitch point.
+    An axis whose parameter 3624 (interval) is 0 or not there has no compensation. ``interpolated``:
+    series that interpolate between points. Raises ValueError for a missing parameter or pitch
+    point.
     """
     memory = _Memory()
     for text in texts:
@@ -72,20 +84,33 @@ def load_fanuc(
     tables: list[AxisTable] = []
     for axis in (1, 2, 3):
         if axis in memory.parameters.get(3624, {}) and memory.length_mm(3624, axis, least_input_mm):
-            tables += _axis_tables(memory, axis, detection_unit_um * 1e-3, least_input_mm, interpolated=interpolated)
-    tables += [table for number in range(3) for table in _straightness(memory, number, detection_unit_um * 1e-3, least_input_mm)]
+            tables += _axis_tables(
+                memory, axis, detection_unit_um * 1e-3, least_input_mm, interpolated=interpolated
+            )
+    tables += [
+        table
+        for number in range(3)
+        for table in _straightness(memory, number, detection_unit_um * 1e-3, least_input_mm)
+    ]
     return tables
 
 
-def _straightness(memory: _Memory, number: int, unit_mm: float, least_input_mm: float) -> list[AxisTable]:
-    """Return a straightness compensation: at four pitch points of the moving axis, in straight lines, what is added to another axis.
+def _straightness(
+    memory: _Memory, number: int, unit_mm: float, least_input_mm: float
+) -> list[AxisTable]:
+    """Return a straightness compensation: at four pitch points of the moving axis, in straight
+    lines, what is added to another axis.
 
-    B-63522EN/02 15.5; a set without a moving axis is off. The numbers of the parameters are those of the virtual control only.
+    B-63522EN/02 15.5; a set without a moving axis is off. The numbers of the parameters are those
+    of the virtual control only.
     """
     moving, compensated = (memory.plain.get(first + number, 0) for first in (5711, 5721))
     if not moving:
         return []
-    reference, interval_mm = memory.integer(3620, moving), memory.length_mm(3624, moving, least_input_mm)
+    reference, interval_mm = (
+        memory.integer(3620, moving),
+        memory.length_mm(3624, moving, least_input_mm),
+    )
     points = [memory.plain[5731 + 10 * number + point] for point in range(4)]
     values = [memory.plain[5761 + 10 * number + point] for point in range(4)]
     return [
@@ -98,7 +123,9 @@ def _straightness(memory: _Memory, number: int, unit_mm: float, least_input_mm: 
     ]
 
 
-def _axis_tables(memory: _Memory, axis: int, unit_mm: float, least_input_mm: float, *, interpolated: bool) -> list[AxisTable]:
+def _axis_tables(
+    memory: _Memory, axis: int, unit_mm: float, least_input_mm: float, *, interpolated: bool
+) -> list[AxisTable]:
     reference, lowest, highest = (memory.integer(number, axis) for number in (3620, 3621, 3622))
     interval_mm = memory.length_mm(3624, axis, least_input_mm)
     scale_mm = memory.integer(3623, axis) * unit_mm

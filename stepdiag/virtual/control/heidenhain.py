@@ -1,7 +1,9 @@
-"""A virtual iTNC 530: .COM tables, and KinematicsComp with the rows of a kinematics table (HSCI technical manual pp. 666-686).
+"""A virtual iTNC 530: .COM tables, and KinematicsComp with the rows of a kinematics table (HSCI
+technical manual pp. 666-686).
 
-A table without rows in the kinematics table acts through its axis columns alone: the column Z of the table of X is Z = F(X). The rows of an
-axis stand before its ``MachAxis``, seen from the tool, and name the columns C1 to C6 of its table; turns are in degrees.
+A table without rows in the kinematics table acts through its axis columns alone: the column Z of
+the table of X is Z = F(X). The rows of an axis stand before its ``MachAxis``, seen from the tool,
+and name the columns C1 to C6 of its table; turns are in degrees.
 """
 
 import re
@@ -17,11 +19,14 @@ _ROW = re.compile(r"Trans\s+([XYZABC])\s+\S*\.\.(C[1-6])")
 _MACHINE_AXIS = re.compile(r"MachAxis\s+(\S+)")
 
 
-def load_tables(tables: Mapping[str, str], lines: str = "", *, axis_names: Mapping[str, str]) -> ChainTable:
+def load_tables(
+    tables: Mapping[str, str], lines: str = "", *, axis_names: Mapping[str, str]
+) -> ChainTable:
     """Return the effect of the .COM texts, by the axis name of each in the .CMA line; ``lines`` are
     rows of the kinematics table.
 
-    ``axis_names`` gives X, Y or Z for each name of an axis. Without rows the chain plays no part: no turn acts.
+    ``axis_names`` gives X, Y or Z for each name of an axis. Without rows the chain plays no part:
+    no turn acts.
     """
     functions: dict[str, Nodes] = {}
     columns = {axis_names[name]: _columns(text) for name, text in tables.items()}
@@ -41,7 +46,10 @@ def load_tables(tables: Mapping[str, str], lines: str = "", *, axis_names: Mappi
             order = letter + order
             for component, column in waiting:
                 values = columns[letter][column]
-                functions[f"E{component}{letter}"] = (columns[letter]["position"], np.radians(values) if component in "ABC" else values)
+                functions[f"E{component}{letter}"] = (
+                    columns[letter]["position"],
+                    np.radians(values) if component in "ABC" else values,
+                )
             waiting = []
     return ChainTable(chain=f"F{order or 'XYZ'}", functions=functions, before_travel=True)
 

@@ -1,4 +1,5 @@
-"""A virtual control with a lattice over the volume: what is added to the axes at each vertex, trilinear between (A-79351E p. 3)."""
+"""A virtual control with a lattice over the volume: what is added to the axes at each vertex,
+trilinear between (A-79351E p. 3)."""
 
 from dataclasses import dataclass
 
@@ -9,13 +10,15 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatticeTable:
-    """Vectors in mm on a grid of three axes, shape (nx, ny, nz, 3); outside it the faces are held."""
+    """Vectors in mm on a grid of three axes, shape (nx, ny, nz, 3); outside it the faces are
+    held."""
 
     axes_mm: tuple[Array, Array, Array]
     vectors_mm: Array
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - a lattice knows no direction of travel
-        """Return what is added to the axes at commanded positions, shape (N, 3): one axis after the other is interpolated away."""
+        """Return what is added to the axes at commanded positions, shape (N, 3): one axis after the
+        other is interpolated away."""
         moved = np.empty_like(commanded_mm, dtype=np.float64)
         for row, point in enumerate(commanded_mm):
             values = self.vectors_mm
@@ -34,11 +37,16 @@ def _between(axis: Array, values: Array, at: float) -> Array:
 
 
 def load_lattice(text: str) -> LatticeTable:
-    """Return the lattice in a CSV ``x_mm,y_mm,z_mm,cx_um,cy_um,cz_um``, rows in any order. Raises ValueError where a vertex is missing."""
-    rows = np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()[1:] if line])
+    """Return the lattice in a CSV ``x_mm,y_mm,z_mm,cx_um,cy_um,cz_um``, rows in any order. Raises
+    ValueError where a vertex is missing."""
+    rows = np.array(
+        [[float(cell) for cell in line.split(",")] for line in text.splitlines()[1:] if line]
+    )
     axes = tuple(np.unique(rows[:, axis]) for axis in range(3))
     shape = tuple(len(axis) for axis in axes)
     if len(rows) != np.prod(shape):
         raise ValueError(f"lattice: expected {np.prod(shape)} vertices, found {len(rows)}")
     ordered = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    return LatticeTable(axes_mm=(axes[0], axes[1], axes[2]), vectors_mm=ordered[:, 3:].reshape(*shape, 3) * 1e-3)
+    return LatticeTable(
+        axes_mm=(axes[0], axes[1], axes[2]), vectors_mm=ordered[:, 3:].reshape(*shape, 3) * 1e-3
+    )

@@ -1,4 +1,5 @@
-"""A virtual LinuxCNC: screw compensation files and the matrix kinematics (src/emc/ini/inijoint.cc, usrmotintf.cc, control.c)."""
+"""A virtual LinuxCNC: screw compensation files and the matrix kinematics (src/emc/ini/inijoint.cc,
+usrmotintf.cc, control.c)."""
 
 import re
 
@@ -6,16 +7,19 @@ from stepdiag.virtual.control.axis_table import AxisTable
 
 _MAXIMUM_ENTRIES = 256
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
-_MATRIX = re.compile(r"^\s*setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)", re.MULTILINE)
+_MATRIX = re.compile(
+    r"^\s*setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)", re.MULTILINE
+)
 _FAR_MM = 1e6
 
 
 def load_screw_file(text: str, axis: int, *, kind: int = 0) -> list[AxisTable]:
     """Return the forward and the reverse table of a COMP_FILE of ``axis`` (0, 1, 2).
 
-    ``kind`` 0 holds actual positions (trim = nominal - actual), ``kind`` 1 trims; a positive trim moves the motor in +. As the control
-    does, the first line that does not begin with three numbers ends the file silently. Raises ValueError where the control
-    refuses: nominal positions that do not rise, more than 256 entries, nothing at all.
+    ``kind`` 0 holds actual positions (trim = nominal - actual), ``kind`` 1 trims; a positive trim
+    moves the motor in +. As the control does, the first line that does not begin with three numbers
+    ends the file silently. Raises ValueError where the control refuses: nominal positions that do
+    not rise, more than 256 entries, nothing at all.
     """
     rows: list[tuple[float, float, float]] = []
     for line in text.splitlines():
@@ -24,7 +28,9 @@ def load_screw_file(text: str, axis: int, *, kind: int = 0) -> list[AxisTable]:
             break
         rows.append(numbers)
     if len(rows) > _MAXIMUM_ENTRIES:
-        raise ValueError(f"compensation: expected at most {_MAXIMUM_ENTRIES} entries, found {len(rows)}")
+        raise ValueError(
+            f"compensation: expected at most {_MAXIMUM_ENTRIES} entries, found {len(rows)}"
+        )
     nominal = tuple(row[0] for row in rows)
     return [
         AxisTable(
@@ -51,7 +57,8 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
 
 
 def load_matrix(text: str) -> list[AxisTable]:
-    """Return what ``setp matrixkins.C_rc`` lines add: joint r = sum of C_rc * axis c, identity where nothing is set."""
+    """Return what ``setp matrixkins.C_rc`` lines add: joint r = sum of C_rc * axis c, identity
+    where nothing is set."""
     tables = []
     for found in _MATRIX.finditer(text):
         row, column = "xyz".index(found["row"]), "xyz".index(found["column"])

@@ -1,8 +1,9 @@
 """A virtual SINUMERIK: EEC and CEC tables from an INI file or the part program that loads them.
 
-Function manual K3 (6FC5397-1BP40-3BA1): EEC pp. 237-242, "a positive compensation value causes the corresponding machine axis to
-move in the negative direction"; CEC pp. 243-264, the same sense by a builder's production program. Values are absolute, linearly
-interpolated, the first and last are held outside. CEC looks at the setpoint of the base axis.
+Function manual K3 (6FC5397-1BP40-3BA1): EEC pp. 237-242, "a positive compensation value causes the
+corresponding machine axis to move in the negative direction"; CEC pp. 243-264, the same sense by a
+builder's production program. Values are absolute, linearly interpolated, the first and last are
+held outside. CEC looks at the setpoint of the base axis.
 """
 
 import re
@@ -11,8 +12,15 @@ from dataclasses import dataclass, field
 
 from stepdiag.virtual.control.axis_table import AxisTable
 
-AXIS_NAMES = {name: axis for axis, names in enumerate((("AX1", "X", "X1"), ("AX2", "Y", "Y1"), ("AX3", "Z", "Z1"))) for name in names}
-_ASSIGNMENT = re.compile(r"^\s*(?:N\d+\s*)?\$(?P<name>[A-Z]{2}_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*\(?(?P<value>[^\s;)]+)")
+AXIS_NAMES = {
+    name: axis
+    for axis, names in enumerate((("AX1", "X", "X1"), ("AX2", "Y", "Y1"), ("AX3", "Z", "Z1")))
+    for name in names
+}
+_ASSIGNMENT = re.compile(
+    r"^\s*(?:N\d+\s*)?\$(?P<name>[A-Z]{2}_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*\(?(?P<value>[^\s;)"
+    r"]+)"
+)
 _OFF = ("0", "FALSE")
 
 
@@ -45,7 +53,13 @@ class SiemensControl:
     ``adds_linked``: see `_cross_tables`.
     """
 
-    def __init__(self, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None, adds_linked: bool = False) -> None:
+    def __init__(
+        self,
+        *,
+        measuring_system: int = 0,
+        axis_names: Mapping[str, int] | None = None,
+        adds_linked: bool = False,
+    ) -> None:
         self._memory = _Memory()
         self._adds_linked = adds_linked
         self._system = str(measuring_system)
@@ -59,16 +73,19 @@ class SiemensControl:
     def tables(self) -> list[AxisTable]:
         """Return the tables that act now.
 
-        Raises ValueError for an unwritten point (a real control would hold an older value there), a grid that does not fit or a rotary
-        table.
+        Raises ValueError for an unwritten point (a real control would hold an older value there), a
+        grid that does not fit or a rotary table.
         """
         return _leadscrew_tables(self._memory, self._system, self._names) + _cross_tables(
             self._memory, self._names, adds_linked=self._adds_linked
         )
 
 
-def load_siemens(text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> list[AxisTable]:
-    """Return the tables that are active after ``text`` has been loaded into an empty `SiemensControl`."""
+def load_siemens(
+    text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None
+) -> list[AxisTable]:
+    """Return the tables that are active after ``text`` has been loaded into an empty
+    `SiemensControl`."""
     control = SiemensControl(measuring_system=measuring_system, axis_names=axis_names)
     control.load(text)
     return control.tables()
@@ -81,19 +98,30 @@ def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) ->
             continue
         axis = _axis(index[1], names)
         positions = _grid(memory, "AA_ENC_COMP", index)
-        values = tuple(-float(memory.get("AA_ENC_COMP", (system, str(n), index[1]))) for n in range(len(positions)))
-        tables.append(AxisTable(input_axis=axis, output_axis=axis, position_mm=positions, value_mm=values))
+        values = tuple(
+            -float(memory.get("AA_ENC_COMP", (system, str(n), index[1])))
+            for n in range(len(positions))
+        )
+        tables.append(
+            AxisTable(input_axis=axis, output_axis=axis, position_mm=positions, value_mm=values)
+        )
     return tables
 
 
-def _cross_tables(memory: _Memory, names: Mapping[str, int], *, adds_linked: bool = False) -> list[AxisTable]:
-    """Return the CEC tables that act. Two that are linked by $AN_CEC_MULT_BY_TABLE give their product (K3 p. 249).
+def _cross_tables(
+    memory: _Memory, names: Mapping[str, int], *, adds_linked: bool = False
+) -> list[AxisTable]:
+    """Return the CEC tables that act. Two that are linked by $AN_CEC_MULT_BY_TABLE give their
+    product (K3 p. 249).
 
-    In the example of p. 252 nothing but the product moves the axis, so a linked table adds nothing of its own; ``adds_linked`` is the other
-    reading of the words, a control that adds both tables beside their product.
+    In the example of p. 252 nothing but the product moves the axis, so a linked table adds nothing
+    of its own; ``adds_linked`` is the other reading of the words, a control that adds both tables
+    beside their product.
     """
     active = [index for index in memory.indices("AN_CEC_STEP") if not _is_off(memory, index)]
-    linked = {index: (str(int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0")) - 1),) for index in active}
+    linked = {
+        index: (str(int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0")) - 1),) for index in active
+    }
     linked = {index: by for index, by in linked.items() if by != ("-1",)}
     tables = []
     for index in active:
@@ -112,7 +140,12 @@ def _is_off(memory: _Memory, index: tuple[str, ...]) -> bool:
 
 
 def _cross_table(
-    memory: _Memory, index: tuple[str, ...], names: Mapping[str, int], *, sense: float, factor: AxisTable | None = None
+    memory: _Memory,
+    index: tuple[str, ...],
+    names: Mapping[str, int],
+    *,
+    sense: float,
+    factor: AxisTable | None = None,
 ) -> AxisTable:
     positions = _grid(memory, "AN_CEC", index)
     weight = sense * float(memory.get("SN_CEC_TABLE_WEIGHT", index, "1"))
@@ -120,19 +153,28 @@ def _cross_table(
         input_axis=_axis(memory.get("AN_CEC_INPUT_AXIS", index), names),
         output_axis=_axis(memory.get("AN_CEC_OUTPUT_AXIS", index), names),
         position_mm=positions,
-        value_mm=tuple(weight * float(memory.get("AN_CEC", (*index, str(n)))) for n in range(len(positions))),
+        value_mm=tuple(
+            weight * float(memory.get("AN_CEC", (*index, str(n)))) for n in range(len(positions))
+        ),
         travel=int(memory.get("AN_CEC_DIRECTION", index, "0")),
         factor=factor,
     )
 
 
 def _grid(memory: _Memory, prefix: str, index: tuple[str, ...]) -> tuple[float, ...]:
-    step, low, high = (float(memory.get(f"{prefix}_{part}", index)) for part in ("STEP", "MIN", "MAX"))
+    step, low, high = (
+        float(memory.get(f"{prefix}_{part}", index)) for part in ("STEP", "MIN", "MAX")
+    )
     if int(memory.get(f"{prefix}_IS_MODULO", index, "0")):
-        raise ValueError(f"${prefix}_IS_MODULO[{','.join(index)}]: expected 0 on a linear axis, found 1")
+        raise ValueError(
+            f"${prefix}_IS_MODULO[{','.join(index)}]: expected 0 on a linear axis, found 1"
+        )
     count = round((high - low) / step) + 1
     if abs(low + (count - 1) * step - high) > 1e-6:
-        raise ValueError(f"${prefix}_MAX[{','.join(index)}]: expected a whole number of steps of {step}, found {low} to {high}")
+        raise ValueError(
+            f"${prefix}_MAX[{','.join(index)}]: expected a whole number of steps of {step}, "
+            f"found {low} to {high}"
+        )
     return tuple(low + n * step for n in range(count))
 
 

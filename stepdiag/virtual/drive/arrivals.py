@@ -21,7 +21,8 @@ _MOVED_MM = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """Standard deviations for each axis in um: ``arrival_um`` beyond the encoder, ``servo_um`` within it (position error at standstill)."""
+    """Standard deviations for each axis in um: ``arrival_um`` beyond the encoder, ``servo_um``
+    within it (position error at standstill)."""
 
     arrival_um: Three = (0.0, 0.0, 0.0)
     servo_um: Three = (0.0, 0.0, 0.0)
@@ -41,10 +42,13 @@ class PositionRegisters:
     resolution_mm: float = 0.0
 
     def shown_mm(self, commanded_mm: Array, servo_um: Array, rng: np.random.Generator) -> Array:
-        """Return the positions that the registers show for commanded positions (N, 3), shape (N, 3)."""
+        """Return the positions that the registers show for commanded positions (N, 3), shape (N,
+        3)."""
         shown = commanded_mm
         if self.shows == "actual":
-            shown = shown + 1e-3 * (servo_um + rng.normal(scale=self.scatter_um, size=commanded_mm.shape))
+            shown = shown + 1e-3 * (
+                servo_um + rng.normal(scale=self.scatter_um, size=commanded_mm.shape)
+            )
         if self.resolution_mm:
             shown = np.round(shown / self.resolution_mm) * self.resolution_mm
         return shown
@@ -64,7 +68,8 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """The axes at every stop of a pass, all (M, 3): sides of approach and errors of the arrival in um."""
+    """The axes at every stop of a pass, all (M, 3): sides of approach and errors of the arrival in
+    um."""
 
     side: Array
     arrival_um: Array
@@ -78,16 +83,24 @@ class Arrivals:
 
 
 def arrivals(
-    driven: DrivenPass, scatter: Scatter, rng: np.random.Generator, *, before: Standing | None = None, overrun: bool = True
+    driven: DrivenPass,
+    scatter: Scatter,
+    rng: np.random.Generator,
+    *,
+    before: Standing | None = None,
+    overrun: bool = True,
 ) -> Arrivals:
     """Return how the axes come to the stops of a pass.
 
-    ``before`` is where they stood when the pass began (None: somewhere else). With ``overrun`` every axis of the pass comes to the first
-    stop in the direction of the pass, else on the straight way from ``before``: an axis that stands there already does not move.
+    ``before`` is where they stood when the pass began (None: somewhere else). With ``overrun``
+    every axis of the pass comes to the first stop in the direction of the pass, else on the
+    straight way from ``before``: an axis that stands there already does not move.
     """
     moves = np.diff(driven.stop_mm, axis=0)
     begins = driven.approach if before is None else _first_move(driven, before, overrun=overrun)
-    moved = np.vstack([np.ones(3, dtype=np.bool_) if before is None else begins != 0.0, np.abs(moves) > _MOVED_MM])
+    moved = np.vstack(
+        [np.ones(3, dtype=np.bool_) if before is None else begins != 0.0, np.abs(moves) > _MOVED_MM]
+    )
     kept = before or Standing(driven.stop_mm[0], driven.approach, np.zeros(3), np.zeros(3))
     sides = np.vstack([begins, np.sign(moves)])
     return Arrivals(
@@ -106,7 +119,9 @@ def _first_move(driven: DrivenPass, before: Standing, *, overrun: bool) -> Array
     return np.where(driven.approach != 0.0, driven.approach, straight) if overrun else straight
 
 
-def _held(drawn: Array, moved: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], before: Array) -> Array:
+def _held(
+    drawn: Array, moved: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], before: Array
+) -> Array:
     """Return the value drawn at the last move of each axis, ``before`` until its first move, shape
     (M, 3).
     """

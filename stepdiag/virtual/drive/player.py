@@ -1,6 +1,7 @@
 """The control at work: the commanded place of every axis at any moment, and the machine's signals.
 
-Time is machine time in seconds from the start of the bench. The player only moves forward; readers may look back a little.
+Time is machine time in seconds from the start of the bench. The player only moves forward; readers
+may look back a little.
 """
 
 import math
@@ -22,11 +23,13 @@ _HELD_S = 0.1
 
 @dataclass(slots=True, kw_only=True)
 class Segment:
-    """A step as it is played: from ``start_s`` to ``end_s`` (infinite while unknown), ``number`` counts from 0.
+    """A step as it is played: from ``start_s`` to ``end_s`` (infinite while unknown), ``number``
+    counts from 0.
 
-    ``stop_count`` is the counter from its beginning on. ``from_mm`` and ``to_mm`` are commanded, ``true_from_mm`` and ``true_to_mm`` where
-    the axes stand: an axis that does not move keeps its place. ``servo_um`` is the part of this difference that the encoders see, at begin
-    and end. ``approach`` is the sign of each axis' last movement.
+    ``stop_count`` is the counter from its beginning on. ``from_mm`` and ``to_mm`` are commanded,
+    ``true_from_mm`` and ``true_to_mm`` where the axes stand: an axis that does not move keeps its
+    place. ``servo_um`` is the part of this difference that the encoders see, at begin and end.
+    ``approach`` is the sign of each axis' last movement.
     """
 
     number: int
@@ -41,7 +44,8 @@ class Segment:
     approach: Array
     stop_count: int
     moved: Array
-    """The unit vector of the last move, (3,): the structure rings along it from ``arrived_s`` on."""
+    """The unit vector of the last move, (3,): the structure rings along it from ``arrived_s``
+    on."""
     arrived_s: float
 
     @property
@@ -92,16 +96,22 @@ class Drive:
         return done
 
     def ring_um_at(self, segment: Segment, time_s: Array) -> Array:
-        """Return how far the structure swings along the last move, shape (N,); nothing while the axes move."""
+        """Return how far the structure swings along the last move, shape (N,); nothing while the
+        axes move."""
         if segment.step.kind == "move":
             return np.zeros_like(time_s)
         since = time_s - max(segment.arrived_s, 0.0)
-        swing: Array = self.ring_um * np.exp(-since / self.ring_decay_s) * np.sin(2 * np.pi * self.ring_hz * since)
+        swing: Array = (
+            self.ring_um
+            * np.exp(-since / self.ring_decay_s)
+            * np.sin(2 * np.pi * self.ring_hz * since)
+        )
         return swing
 
 
 class Player:
-    """Plays the steps of a program. Safe to use from several threads. A move and a signalled dwell end when ``hold`` lets them."""
+    """Plays the steps of a program. Safe to use from several threads. A move and a signalled dwell
+    end when ``hold`` lets them."""
 
     def __init__(
         self,
@@ -169,17 +179,23 @@ class Player:
                 last.end_s = math.inf
 
     def start(self, at_s: float, first: Iterable[Step] = ()) -> None:
-        """Begin the next setup that waits for a start, after the steps ``first``; a start before the machine waits is not remembered."""
+        """Begin the next setup that waits for a start, after the steps ``first``; a start before
+        the machine waits is not remembered."""
         with self._lock:
             if self._segments[-1].step.kind == "pause" and self._segments[-1].end_s == math.inf:
                 self._program = chain(first, self._program)
             self._started_s = at_s
 
     def span(self, first_s: float, last_s: float) -> list[Segment]:
-        """Return the segments that cover ``first_s`` .. ``last_s`` in order, as far as they are remembered."""
+        """Return the segments that cover ``first_s`` .. ``last_s`` in order, as far as they are
+        remembered."""
         self.advance(last_s)
         with self._lock:
-            return [segment for segment in self._segments if segment.end_s > first_s and segment.start_s <= last_s]
+            return [
+                segment
+                for segment in self._segments
+                if segment.end_s > first_s and segment.start_s <= last_s
+            ]
 
     def _at(self, at_s: float) -> Segment:
         for segment in reversed(self._segments):
@@ -196,14 +212,20 @@ class Player:
             return
         if step.kind == "pause" and self._started_s > segment.start_s:
             segment.end_s = self._started_s
-        elif step.kind == "dwell" and self._captured is not None and self._captured[0] == segment.stop_count % 65536:
+        elif (
+            step.kind == "dwell"
+            and self._captured is not None
+            and self._captured[0] == segment.stop_count % 65536
+        ):
             segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
 
     def _held(self, segment: Segment) -> bool:
         """Return whether a dwell goes on, or an axis is in position without saying so. With a
         handshake no look is needed.
         """
-        shown = segment.step.kind == "move" or (segment.step.kind == "dwell" and segment.step.signalled)
+        shown = segment.step.kind == "move" or (
+            segment.step.kind == "dwell" and segment.step.signalled
+        )
         return shown and self._hold is not None and not self._handshake and self._hold(segment)
 
     def _enter(self, last: Segment) -> None:
@@ -234,8 +256,12 @@ class Player:
             self._on_enter(segment)
 
     def _arrive(self, last: Segment, target: Array) -> tuple[Array, Array]:
-        """Return where the axes stand after a move, and by how much the encoders see them off, both (3,)."""
-        drawn_um = self._rng.normal(size=(2, 3)) * [[self._drive.repeatability_um], [self._drive.servo_um]]
+        """Return where the axes stand after a move, and by how much the encoders see them off, both
+        (3,)."""
+        drawn_um = self._rng.normal(size=(2, 3)) * [
+            [self._drive.repeatability_um],
+            [self._drive.servo_um],
+        ]
         moved = target != last.to_mm
         true_mm: Array = np.where(moved, target + 1e-3 * drawn_um.sum(axis=0), last.true_to_mm)
         servo_um: Array = np.where(moved, drawn_um[1], last.servo_um[1])
@@ -244,4 +270,8 @@ class Player:
     def _duration_s(self, step: Step, distance_mm: float) -> float:
         if step.kind == "move":
             return self._drive.duration_s(distance_mm)
-        return math.inf if step.kind == "dwell" and self._handshake and step.signalled else step.duration_s
+        return (
+            math.inf
+            if step.kind == "dwell" and self._handshake and step.signalled
+            else step.duration_s
+        )

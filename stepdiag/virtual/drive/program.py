@@ -1,4 +1,5 @@
-"""The NC program of the virtual survey, step by step: moves, dwells, pauses, and what faults make of them."""
+"""The NC program of the virtual survey, step by step: moves, dwells, pauses, and what faults make
+of them."""
 
 import math
 from collections.abc import Iterator
@@ -64,16 +65,21 @@ class Plan:
 
 
 def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
-    """Yield every step of the survey; the beam is off while laser and mirror are moved to the next setup."""
+    """Yield every step of the survey; the beam is off while laser and mirror are moved to the next
+    setup."""
     for setup in plan.setups:
-        yield Step(kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False)
+        yield Step(
+            kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False
+        )
         yield from _setup_steps(plan, setup, faults)
 
 
 def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
     """Yield the steps of a setup driven again, and the wait after it."""
     yield from _setup_steps(plan, setup, faults)
-    yield Step(kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False)
+    yield Step(
+        kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False
+    )
 
 
 def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
@@ -100,7 +106,8 @@ def _approach(plan: Plan, driven: DrivenPass, stop: int) -> Iterator[Step]:
 
 
 def _before(driven: DrivenPass, stop: int, overrun_mm: float) -> Array:
-    """Return the point from which all moving axes approach a stop in the direction of the pass, shape (3,)."""
+    """Return the point from which all moving axes approach a stop in the direction of the pass,
+    shape (3,)."""
     axis = axis_of_run(driven.setup)
     moving = np.ones(3) if axis is None else np.eye(3)[axis]
     before: Array = driven.stop_mm[stop] - overrun_mm * driven.approach * moving
@@ -123,26 +130,47 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
             stop += 1
             continue
         stop = max(0, stop - int(aborted.value))
-        yield Step(kind="pause", setup=driven.setup, pass_number=driven.number, duration_s=aborted.duration_s, alarm=True)
+        yield Step(
+            kind="pause",
+            setup=driven.setup,
+            pass_number=driven.number,
+            duration_s=aborted.duration_s,
+            alarm=True,
+        )
         yield from _approach(plan, driven, stop)
 
 
-def _commissioning(stand_s: tuple[float, float, float], driven: DrivenPass, stop: int) -> Iterator[Step]:
-    """Jog the other axes at the near end, before the second stop, and at the far end, before the last; wobble, and block there."""
+def _commissioning(
+    stand_s: tuple[float, float, float], driven: DrivenPass, stop: int
+) -> Iterator[Step]:
+    """Jog the other axes at the near end, before the second stop, and at the far end, before the
+    last; wobble, and block there."""
     ends = [end for end, at in ((0, 1), (-1, len(driven.stop_mm) - 1)) if stop == at]
     for end in ends:
-        move = Step(kind="move", target_mm=driven.stop_mm[end], setup=driven.setup, pass_number=driven.number)
+        move = Step(
+            kind="move",
+            target_mm=driven.stop_mm[end],
+            setup=driven.setup,
+            pass_number=driven.number,
+        )
         for beside, seconds in _jogs(axis_of_run(driven.setup) or 0, stand_s[0]):
             yield replace(move, target_mm=driven.stop_mm[end] + beside)
             if seconds:
-                yield replace(move, kind="dwell", target_mm=driven.stop_mm[end] + beside, duration_s=seconds, signalled=False)
+                yield replace(
+                    move,
+                    kind="dwell",
+                    target_mm=driven.stop_mm[end] + beside,
+                    duration_s=seconds,
+                    signalled=False,
+                )
         yield replace(move, kind="dwell", duration_s=stand_s[1], signalled=False, wobbled=True)
         if end == -1:
             yield replace(move, kind="dwell", duration_s=stand_s[2], signalled=False, beam=False)
 
 
 def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
-    """Yield places beside the line and how long the machine stands there; each place is come to from below."""
+    """Yield places beside the line and how long the machine stands there; each place is come to
+    from below."""
     first, second = (np.eye(3)[other] for other in range(3) if other != axis)
     lead = -0.4 * (first + second)
     for across in (first, second):
@@ -161,7 +189,9 @@ def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Ste
     yield replace(move, kind="dwell", duration_s=duration_s)
 
 
-def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard, *, stuck: bool) -> Iterator[Step]:
+def _stop_steps(
+    plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard, *, stuck: bool
+) -> Iterator[Step]:
     place = (driven.setup, driven.number, stop)
     move = Step(
         kind="move",
@@ -171,8 +201,16 @@ def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard, *
         stop=stop,
     )
     yield move
-    counts = 0 if stuck or faults.take("count-missed", *place) else 2 if faults.take("count-doubled", *place) else 1
+    counts = (
+        0
+        if stuck or faults.take("count-missed", *place)
+        else 2
+        if faults.take("count-doubled", *place)
+        else 1
+    )
     silent = faults.take("stop-unsignalled", *place) is not None
     longer = faults.take("dwell-longer", *place)
     dwell_s = plan.dwell_s + (longer.duration_s if longer else 0.0)
-    yield replace(move, kind="dwell", duration_s=dwell_s, counts=0 if silent else counts, signalled=not silent)
+    yield replace(
+        move, kind="dwell", duration_s=dwell_s, counts=0 if silent else counts, signalled=not silent
+    )

@@ -10,10 +10,17 @@ import numpy as np
 from stepdiag.virtual.physics.error_functions import Array
 
 REGISTER_OF_SETUP = {
-    "ppp": 1, "npp": 2, "pnp": 3, "ppn": 4,
-    "linear-x": 11, "linear-y": 12, "linear-z": 13,
-    "fourdof-x": 21, "fourdof-y": 22, "fourdof-z": 23,
-}  # fmt: skip
+    "ppp": 1,
+    "npp": 2,
+    "pnp": 3,
+    "ppn": 4,
+    "linear-x": 11,
+    "linear-y": 12,
+    "linear-z": 13,
+    "fourdof-x": 21,
+    "fourdof-y": 22,
+    "fourdof-z": 23,
+}
 """Values of the machine's ``setup`` register (contract 2)."""
 
 
@@ -43,7 +50,9 @@ def register_of(setup: str) -> int:
     try:
         return REGISTER_OF_SETUP[base_name(setup)]
     except KeyError:
-        raise ValueError(f"setup: expected one of {', '.join(REGISTER_OF_SETUP)}, found {setup!r}") from None
+        raise ValueError(
+            f"setup: expected one of {', '.join(REGISTER_OF_SETUP)}, found {setup!r}"
+        ) from None
 
 
 def axis_of_run(setup: str) -> int | None:
@@ -66,10 +75,11 @@ def outward_direction(box: Box, setup: str) -> Array:
 
 
 def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
-    """Return the commanded positions of the outward pass, shape (3n+1, 3) for a diagonal, (n+1, 3) along one axis.
+    """Return the commanded positions of the outward pass, shape (3n+1, 3) for a diagonal, (n+1, 3)
+    along one axis.
 
-    A diagonal starts where ``p`` axes are low and ``n`` axes high and moves one axis at a time in ``axis_order``; a run
-    along one axis leaves the others at their low end.
+    A diagonal starts where ``p`` axes are low and ``n`` axes high and moves one axis at a time in
+    ``axis_order``; a run along one axis leaves the others at their low end.
     """
     signs = np.sign(outward_direction(box, setup))
     low = np.array(box.origin_mm, dtype=np.float64)
@@ -103,7 +113,8 @@ def _moved_axes(setup: str, axis_order: str) -> Iterator[int]:
 
 @dataclass(frozen=True, slots=True)
 class DrivenPass:
-    """One pass: ``stop_mm`` (M, 3) in the order visited, ``approach`` (3,) the sign of every axis' approach, 0 if it never moves."""
+    """One pass: ``stop_mm`` (M, 3) in the order visited, ``approach`` (3,) the sign of every axis'
+    approach, 0 if it never moves."""
 
     setup: str
     number: int
@@ -112,7 +123,8 @@ class DrivenPass:
 
 
 def driven_pass(box: Box, setup: str, number: int, axis_order: str = "xyz") -> DrivenPass:
-    """Return pass ``number`` (from 1): odd passes go outward, even passes visit the same stops in reverse."""
+    """Return pass ``number`` (from 1): odd passes go outward, even passes visit the same stops in
+    reverse."""
     stops = outward_stops_mm(box, setup, axis_order)
     approach = np.sign(outward_direction(box, setup))
     if number % 2 == 0:

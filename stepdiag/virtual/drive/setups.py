@@ -4,8 +4,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing, arrivals, standing_at_end
-from stepdiag.virtual.drive.sequence import Box, axis_of_run, driven_pass, outward_direction, outward_stops_mm
+from stepdiag.virtual.drive.arrivals import (
+    PositionRegisters,
+    Scatter,
+    Standing,
+    arrivals,
+    standing_at_end,
+)
+from stepdiag.virtual.drive.sequence import (
+    Box,
+    axis_of_run,
+    driven_pass,
+    outward_direction,
+    outward_stops_mm,
+)
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.kinematics import Stand
 from stepdiag.virtual.physics.machine import Machine, Setup
@@ -36,7 +48,9 @@ class Alignment:
     wavelength_nm: float = 632.991
 
 
-def aligned_setup(machine: Machine, box: Box, setup: str, alignment: Alignment | None = None) -> Setup:
+def aligned_setup(
+    machine: Machine, box: Box, setup: str, alignment: Alignment | None = None
+) -> Setup:
     """Return the set-up of a diagonal (plane mirror) or of a run along one axis (corner cube)."""
     how = alignment or Alignment()
     axis = axis_of_run(setup)
@@ -49,7 +63,9 @@ def aligned_setup(machine: Machine, box: Box, setup: str, alignment: Alignment |
     return Setup(
         name=setup,
         beam=Beam(through - how.standoff_mm * beam_direction, beam_direction),
-        target=_mirror(direction, how) if axis is None else CornerCube(np.array(how.target_mm, dtype=np.float64)),
+        target=_mirror(direction, how)
+        if axis is None
+        else CornerCube(np.array(how.target_mm, dtype=np.float64)),
         zero_mm=start,
         stand=how.stand,
         wavelength_nm=how.wavelength_nm,
@@ -58,8 +74,14 @@ def aligned_setup(machine: Machine, box: Box, setup: str, alignment: Alignment |
 
 
 def _mirror(direction: Array, how: Alignment) -> Target:
-    figure = Figure(how.flatness_um, how.mirror_diameter_mm, how.flatness_seed) if how.flatness_um else None
-    return PlaneMirror(np.array(how.target_mm, dtype=np.float64), tilted(direction, how.mirror_mrad), figure)
+    figure = (
+        Figure(how.flatness_um, how.mirror_diameter_mm, how.flatness_seed)
+        if how.flatness_um
+        else None
+    )
+    return PlaneMirror(
+        np.array(how.target_mm, dtype=np.float64), tilted(direction, how.mirror_mrad), figure
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,11 +141,17 @@ def simulate_pass(
     taken = conditions or Conditions()
     placed = aligned_setup(machine, box, setup, how)
     driven = driven_pass(box, setup, number, axis_order)
-    times: Array = taken.start_s + taken.seconds_per_stop * np.arange(len(driven.stop_mm), dtype=np.float64)
+    times: Array = taken.start_s + taken.seconds_per_stop * np.arange(
+        len(driven.stop_mm), dtype=np.float64
+    )
     drawing = np.random.default_rng((taken.seed, 1))
     came = arrivals(driven, taken.scatter, drawing, before=taken.before, overrun=taken.overrun)
-    indicated = machine.indicated_mm(placed, driven.stop_mm + came.off_mm, direction=came.side, time_s=times)
-    noisy = indicated + np.random.default_rng(taken.seed).normal(scale=taken.noise_um * 1e-3, size=len(times))
+    indicated = machine.indicated_mm(
+        placed, driven.stop_mm + came.off_mm, direction=came.side, time_s=times
+    )
+    noisy = indicated + np.random.default_rng(taken.seed).normal(
+        scale=taken.noise_um * 1e-3, size=len(times)
+    )
     return SimulatedPass(
         setup=setup,
         number=number,

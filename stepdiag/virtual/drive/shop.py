@@ -11,7 +11,14 @@ import numpy as np
 from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing
 from stepdiag.virtual.drive.sequence import Box, axis_of_run
 from stepdiag.virtual.drive.setups import Alignment, Conditions, SimulatedPass, simulate_pass
-from stepdiag.virtual.physics.error_functions import AXES, Array, ErrorFunction, ErrorSet, Sloped, zero
+from stepdiag.virtual.physics.error_functions import (
+    AXES,
+    Array,
+    ErrorFunction,
+    ErrorSet,
+    Sloped,
+    zero,
+)
 from stepdiag.virtual.physics.growth import Three
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.physics.ordinary import OrdinaryMachine
@@ -71,11 +78,13 @@ class Shop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivenSurvey:
-    """A survey as columns of N stops, and the ``truth``: the machine at the survey's mean time, mean of both approaches (`mean_machine`).
+    """A survey as columns of N stops, and the ``truth``: the machine at the survey's mean time,
+    mean of both approaches (`mean_machine`).
 
-    ``reading_mm`` counts from the first stop of the setup where ``zero`` numbers its count, from the first stop of the pass where
-    ``zero`` is -1. ``turned`` marks the first stop of a pass whose reading is the last one of the pass before. ``u_um`` is the standard
-    deviation of the sensor noise. ``temperature_c`` is NaN without a thermometer.
+    ``reading_mm`` counts from the first stop of the setup where ``zero`` numbers its count, from
+    the first stop of the pass where ``zero`` is -1. ``turned`` marks the first stop of a pass whose
+    reading is the last one of the pass before. ``u_um`` is the standard deviation of the sensor
+    noise. ``temperature_c`` is NaN without a thermometer.
     """
 
     setup: tuple[str, ...]
@@ -131,8 +140,8 @@ def drive_survey(machine: Machine, shop: Shop) -> DrivenSurvey:
 def mean_machine(machine: Machine, time_s: Array, unseen_c: Array) -> Machine:
     """Return the machine at the mean of the readings' times (N,), without drift and reversal.
 
-    Growth and material temperature (``unseen_c`` on top of its course, (N,)) enter as their means over the readings, as straight lines in
-    the positioning functions.
+    Growth and material temperature (``unseen_c`` on top of its course, (N,)) enter as their means
+    over the readings, as straight lines in the positioning functions.
     """
     warmth_c = float(np.mean(machine.environment.material_c.at(time_s) + unseen_c)) - 20.0
     share = 0.0 if machine.growth is None else float(np.mean(machine.growth.share(time_s)))
@@ -146,10 +155,17 @@ def mean_machine(machine: Machine, time_s: Array, unseen_c: Array) -> Machine:
         functions=functions,
         squareness_urad=machine.errors.squareness_urad,
     )
-    return Machine(errors=errors, chain=machine.chain, reference_mm=machine.reference_mm, tool_offset_mm=machine.tool_offset_mm)
+    return Machine(
+        errors=errors,
+        chain=machine.chain,
+        reference_mm=machine.reference_mm,
+        tool_offset_mm=machine.tool_offset_mm,
+    )
 
 
-def _grown(machine: Machine, axis: int, function: ErrorFunction, warmth_c: float, share: float) -> ErrorFunction:
+def _grown(
+    machine: Machine, axis: int, function: ErrorFunction, warmth_c: float, share: float
+) -> ErrorFunction:
     """Return a positioning function with the mean growth of its axis."""
     origin_mm = float(machine.origin_mm[axis])
     heat_um_mm = machine.expansion_um_m_c[axis] * warmth_c * 1e-3
@@ -169,7 +185,12 @@ def _taken_passes(machine: Machine, shop: Shop) -> Iterator[_Taken]:
         stretch = _factor(index, shop, rng)
         for each in _taken_setup(_warmer(machine, unseen_c), shop, setup, before, start_s, rng):
             before, start_s = each.one.end, float(each.one.time_s[-1]) + shop.turn_s
-            yield replace(each, count_mm=each.count_mm * stretch, zero=number if each.zero >= 0 else -1, unseen_c=unseen_c)
+            yield replace(
+                each,
+                count_mm=each.count_mm * stretch,
+                zero=number if each.zero >= 0 else -1,
+                unseen_c=unseen_c,
+            )
         start_s += shop.setup_s
 
 
@@ -184,18 +205,40 @@ def _warmer(machine: Machine, unseen_c: float) -> Machine:
     return replace(machine, environment=replace(hall, material_c=course))
 
 
-def _taken_setup(machine: Machine, shop: Shop, setup: str, before: Standing, start_s: float, rng: np.random.Generator) -> Iterator[_Taken]:
-    """Yield the passes of one setup; the machine of a program without overrun turns round at the last stop."""
+def _taken_setup(
+    machine: Machine,
+    shop: Shop,
+    setup: str,
+    before: Standing,
+    start_s: float,
+    rng: np.random.Generator,
+) -> Iterator[_Taken]:
+    """Yield the passes of one setup; the machine of a program without overrun turns round at the
+    last stop."""
     how = _alignment(shop, setup, rng)
     origin_mm, moved_um = 0.0, 0.0
     last = (0.0, np.zeros(3), 0.0)
     for number in range(1, shop.passes + 1):
         overrun = shop.overrun == "always" or (shop.overrun == "turns" and number > 1)
         taken = Conditions(
-            noise_um=shop.beam.noise_um, seed=int(rng.integers(1 << 31)), start_s=start_s, seconds_per_stop=shop.seconds_per_stop,
-            scatter=shop.scatter, registers=shop.registers, before=before, overrun=overrun,
-        )  # fmt: skip
-        one = simulate_pass(machine, shop.box, setup, number, alignment=how, conditions=taken, axis_order=shop.axis_order)
+            noise_um=shop.beam.noise_um,
+            seed=int(rng.integers(1 << 31)),
+            start_s=start_s,
+            seconds_per_stop=shop.seconds_per_stop,
+            scatter=shop.scatter,
+            registers=shop.registers,
+            before=before,
+            overrun=overrun,
+        )
+        one = simulate_pass(
+            machine,
+            shop.box,
+            setup,
+            number,
+            alignment=how,
+            conditions=taken,
+            axis_order=shop.axis_order,
+        )
         drift_um = moved_um + _drift_um(shop.beam, len(one.stop), rng)
         count_mm = one.first_mm + one.reading_mm + 1e-3 * drift_um
         position_mm, time_s = one.position_mm.copy(), one.time_s.copy()
@@ -203,13 +246,19 @@ def _taken_setup(machine: Machine, shop: Shop, setup: str, before: Standing, sta
         if turned:
             count_mm[0], position_mm[0], time_s[0] = last
         origin_mm = float(count_mm[0]) if number == 1 or not shop.one_count else origin_mm
-        yield _Taken(one, count_mm - origin_mm, position_mm, time_s, 0 if shop.one_count else -1, turned, 0.0)
-        last, moved_um = (float(count_mm[-1]), position_mm[-1], float(time_s[-1])), float(drift_um[-1])
+        yield _Taken(
+            one, count_mm - origin_mm, position_mm, time_s, 0 if shop.one_count else -1, turned, 0.0
+        )
+        last, moved_um = (
+            (float(count_mm[-1]), position_mm[-1], float(time_s[-1])),
+            float(drift_um[-1]),
+        )
         before, start_s = one.end, float(one.time_s[-1]) + shop.turn_s
 
 
 def _alignment(shop: Shop, setup: str, rng: np.random.Generator) -> Alignment:
-    """Draw tilts of mirror and beam, evenly over a disc; the corner cube of a run along one axis has no tilt."""
+    """Draw tilts of mirror and beam, evenly over a disc; the corner cube of a run along one axis
+    has no tilt."""
     tilts = [_tilt(shop.beam.largest_mrad, rng) for _ in range(2)]
     linear = axis_of_run(setup) is not None
     return Alignment(mirror_mrad=(0.0, 0.0) if linear else tilts[0], beam_mrad=tilts[1])
@@ -221,7 +270,8 @@ def _tilt(largest_mrad: float, rng: np.random.Generator) -> tuple[float, float]:
 
 
 def _drift_um(beam: Beam, count: int, rng: np.random.Generator) -> Array:
-    """Draw what drifts along the beam over one pass of ``count`` stops, in um: a straight line and a random walk."""
+    """Draw what drifts along the beam over one pass of ``count`` stops, in um: a straight line and
+    a random walk."""
     straight = rng.normal(scale=beam.drift_um) * np.linspace(0.0, 1.0, count)
     steps = rng.normal(scale=beam.wander_um / np.sqrt(max(count - 1, 1)), size=count)
     steps[0] = 0.0
@@ -230,15 +280,18 @@ def _drift_um(beam: Beam, count: int, rng: np.random.Generator) -> Array:
 
 
 ORDINARY_BEAM = Beam(drift_um=0.15, wander_um=0.1, index=2e-7, index_setup=1e-7, largest_mrad=1.0)
-"""Beam of an ordinary shop: drift, wander and air as the product's own table has them, tilts up to 1 mrad (CHOSEN)."""
+"""Beam of an ordinary shop: drift, wander and air as the product's own table has them, tilts up to
+1 mrad (CHOSEN)."""
 NOISE_UM = (0.02, 0.5)
-"""Sensor noise at a stop, standard deviation: 0.02 um as the mean of a dwell in the demo (MEASURED), more where a machine hums (CHOSEN)."""
+"""Sensor noise at a stop, standard deviation: 0.02 um as the mean of a dwell in the demo
+(MEASURED), more where a machine hums (CHOSEN)."""
 SCATTER_UM = (0.1, 3.0)
 """Scatter of encoder positions (MEASURED to matter; the sizes are RECALLED)."""
 
 
 def draw_shop(rng: np.random.Generator, drawn: OrdinaryMachine) -> Shop:
-    """Draw how an ordinary shop measures a machine: program, registers, overrun, passes, laser and hall."""
+    """Draw how an ordinary shop measures a machine: program, registers, overrun, passes, laser and
+    hall."""
     registers, servo_um = _draw_registers(rng)
     noise_um = float(np.exp(rng.uniform(*np.log(NOISE_UM))))
     overrun: Overrun = ("always", "turns", "never")[int(rng.choice(3, p=(0.6, 0.2, 0.2)))]
@@ -263,17 +316,26 @@ def draw_shop(rng: np.random.Generator, drawn: OrdinaryMachine) -> Shop:
 
 
 def _draw_box(rng: np.random.Generator, size_mm: Three) -> Box:
-    """Draw increments and the program's rounding: 2, 3 or 4 decimals, one program in four with G91."""
+    """Draw increments and the program's rounding: 2, 3 or 4 decimals, one program in four with
+    G91."""
     decimals = int(rng.choice((2, 3, 4), p=(0.25, 0.5, 0.25)))
-    return Box(size_mm=size_mm, increments=int(rng.integers(5, 21)), decimals=decimals, incremental=bool(rng.random() < 0.25))
+    return Box(
+        size_mm=size_mm,
+        increments=int(rng.integers(5, 21)),
+        decimals=decimals,
+        incremental=bool(rng.random() < 0.25),
+    )
 
 
 def _draw_registers(rng: np.random.Generator) -> tuple[PositionRegisters, float]:
-    """Draw what the position registers show; the second figure is how far the axes truly stand off, in um."""
+    """Draw what the position registers show; the second figure is how far the axes truly stand off,
+    in um."""
     resolution_mm = 1e-4 if rng.random() < 0.7 else 1e-3
     if rng.random() < 0.4:
         return PositionRegisters(shows="commanded", resolution_mm=resolution_mm), 0.0
     scatter_um = float(np.exp(rng.uniform(*np.log(SCATTER_UM))))
     if rng.random() < 0.5:
         return PositionRegisters(shows="actual", resolution_mm=resolution_mm), scatter_um
-    return PositionRegisters(shows="actual", scatter_um=scatter_um, resolution_mm=resolution_mm), 0.0
+    return PositionRegisters(
+        shows="actual", scatter_um=scatter_um, resolution_mm=resolution_mm
+    ), 0.0

@@ -16,7 +16,8 @@ from stepdiag.virtual.physics.machine import Machine
 
 ARCSEC_RAD = np.pi / 180.0 / 3600.0
 Look = Callable[[Array], Array]
-"""Wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the axis that runs, (N, 4); NaN outside of its own runs."""
+"""Wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the axis that runs, (N,
+4); NaN outside of its own runs."""
 ACROSS = {0: (2, 1), 1: (2, 0), 2: (0, 1)}
 """The two rotations that an autocollimator along an axis sees, the upright rotation first."""
 LEVEL = {0: 0, 1: 1, 2: 0}
@@ -28,7 +29,16 @@ class AngleView:
     driven.
     """
 
-    def __init__(self, machine: Machine, player: Player, drive: Drive, *, clock: Clock, stand: Stand, seed: int) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        player: Player,
+        drive: Drive,
+        *,
+        clock: Clock,
+        stand: Stand,
+        seed: int,
+    ) -> None:
         self._machine = machine
         self._player = player
         self._drive = drive
@@ -46,7 +56,10 @@ class AngleView:
             here = names == setup
             if setup.startswith("fourdof"):
                 pose = self._machine.pose(
-                    followed.position_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
+                    followed.position_mm[here],
+                    direction=followed.approach[here],
+                    time_s=machine_s[here],
+                    stand=self._stand,
                 )
                 turned = pose.rotation
                 vector = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1)
@@ -57,7 +70,8 @@ class AngleView:
 
 
 class Autocollimator(Counting):
-    """An Elcomat: silent until it receives `A`, then 25 lines a second (`stepdiag.virtual.instruments.talker.Talking`, `Responding`)."""
+    """An Elcomat: silent until it receives `A`, then 25 lines a second
+    (`stepdiag.virtual.instruments.talker.Talking`, `Responding`)."""
 
     def __init__(self, look: Look) -> None:
         super().__init__()

@@ -1,7 +1,8 @@
 """An instrument that sends binary frames as many home-made counters do.
 
-A frame: AA 55, a 16-bit sample number, the reading in nanometres (32 bits, signed), the beam in per mille (16 bits), a status byte whose
-lowest bit is a lost beam, and the CRC-16 of the Modbus line over everything before it, low byte first. ``order`` is that of the numbers.
+A frame: AA 55, a 16-bit sample number, the reading in nanometres (32 bits, signed), the beam in per
+mille (16 bits), a status byte whose lowest bit is a lost beam, and the CRC-16 of the Modbus line
+over everything before it, low byte first. ``order`` is that of the numbers.
 """
 
 import struct
@@ -13,7 +14,8 @@ from stepdiag.virtual.physics.error_functions import Array
 
 
 def modbus_crc(data: bytes) -> int:
-    """Return the CRC of the Modbus serial line: polynomial A001h, start FFFFh, least significant bit first."""
+    """Return the CRC of the Modbus serial line: polynomial A001h, start FFFFh, least significant
+    bit first."""
     register = 0xFFFF
     for byte in data:
         register ^= byte
@@ -34,7 +36,12 @@ class BinaryFrames(Counting):
         """Return one frame a sample."""
         frames = []
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
-            body = b"\xaa\x55" + self._pack(self._counter % 65536, round(position_mm * 1e6), 1000 if present else 0, 0 if present else 1)
+            body = b"\xaa\x55" + self._pack(
+                self._counter % 65536,
+                round(position_mm * 1e6),
+                1000 if present else 0,
+                0 if present else 1,
+            )
             frames.append(body + struct.pack("<H", modbus_crc(body)))
             self._counter += 1
         return b"".join(frames)

@@ -1,8 +1,10 @@
-"""An optical model of the four-degree-of-freedom head (Feng, Zhang, Kuang 2008, Figs 1 to 4), traced ray by ray.
+"""An optical model of the four-degree-of-freedom head (Feng, Zhang, Kuang 2008, Figs 1 to 4),
+traced ray by ray.
 
-A collimated beam leaves the source. On the moving unit a half mirror sends a part of it back (to lens 2 and PSD2), the rest
-goes to a corner cube, comes back displaced and is split between the quadrant detector and lens 1 with PSD1. Nothing of the
-paper's equations is used here: signs and levers come out of the geometry.
+A collimated beam leaves the source. On the moving unit a half mirror sends a part of it back (to
+lens 2 and PSD2), the rest goes to a corner cube, comes back displaced and is split between the
+quadrant detector and lens 1 with PSD1. Nothing of the paper's equations is used here: signs and
+levers come out of the geometry.
 """
 
 import math
@@ -20,7 +22,8 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wander:
-    """A slow random motion in two lateral directions: four swings of random phase, together at most ``amplitude`` each way."""
+    """A slow random motion in two lateral directions: four swings of random phase, together at most
+    ``amplitude`` each way."""
 
     amplitude: float = 0.0
     period_s: float = 300.0
@@ -33,7 +36,9 @@ class Wander:
         motion = np.zeros((len(times), 2))
         for swing in range(1, 5):
             phase = rng.uniform(0.0, 2 * np.pi, size=2)
-            motion += np.sin(2 * np.pi * swing * rng.uniform(0.8, 1.2) / self.period_s * times[:, None] + phase)
+            motion += np.sin(
+                2 * np.pi * swing * rng.uniform(0.8, 1.2) / self.period_s * times[:, None] + phase
+            )
         return motion * (self.amplitude / 4.0)
 
 
@@ -64,8 +69,11 @@ class SpotDetector:
         return faced
 
     def counts(self, response: Array, light: Array, rng: np.random.Generator) -> Counts:
-        """Return difference x, difference y and sum for responses (N, 2) in -1 .. 1 and light (N,) in 0 .. 1, shape (N, 3)."""
-        ideal = np.column_stack([response * np.array(self.gain) * light[:, None], light]) + np.array(self.dark)
+        """Return difference x, difference y and sum for responses (N, 2) in -1 .. 1 and light (N,)
+        in 0 .. 1, shape (N, 3)."""
+        ideal = np.column_stack(
+            [response * np.array(self.gain) * light[:, None], light]
+        ) + np.array(self.dark)
         noisy = ideal + rng.normal(scale=self.noise, size=ideal.shape)
         noisy[:, 2] = np.minimum(noisy[:, 2], self.ceiling)
         counted: Counts = np.round(noisy * self.full_sum).astype(np.int64)
@@ -76,9 +84,10 @@ class SpotDetector:
 class HeadOptics:
     """The fixed unit. Radii are those of the Gaussian beam at 1/e2, the waist lies at the source.
 
-    ``spot_growth_per_m`` is what the radius grows by beside that, a metre of distance, as behind a poor collimator.
-    ``qd_path_mm`` is the way from the source's plane back to the QD. A PSD answers linearly over ``psd_half_mm`` each way;
-    ``psd*_defocus_mm`` is how far it stands behind the focus of its lens, which stands in the source's plane.
+    ``spot_growth_per_m`` is what the radius grows by beside that, a metre of distance, as behind a
+    poor collimator. ``qd_path_mm`` is the way from the source's plane back to the QD. A PSD answers
+    linearly over ``psd_half_mm`` each way; ``psd*_defocus_mm`` is how far it stands behind the
+    focus of its lens, which stands in the source's plane.
     """
 
     wavelength_nm: float = 635.0
@@ -176,15 +185,23 @@ class VirtualHead:
         self._centre = self._trace(aligned, still, still)
 
     def spots(self, pose: Pose, time_s: Array, wobbled: Array | None = None) -> Spots:
-        """Return the spots, relative to their centred places, for poses of the carrying frame at these times."""
+        """Return the spots, relative to their centred places, for poses of the carrying frame at
+        these times."""
         pointing = self._disturbance.pointing_urad.at(time_s) * 1e-6
         if wobbled is not None:
             pointing = pointing + wobbled[:, None] * self._disturbance.wobble_urad.at(time_s) * 1e-6
         bending = self._disturbance.bending_urad_m.at(time_s) * 1e-9
         traced, centre = self._trace(pose, pointing, bending), self._centre
-        return Spots(traced.qd_mm - centre.qd_mm, traced.psd1_mm - centre.psd1_mm, traced.psd2_mm - centre.psd2_mm, traced.path_mm)
+        return Spots(
+            traced.qd_mm - centre.qd_mm,
+            traced.psd1_mm - centre.psd1_mm,
+            traced.psd2_mm - centre.psd2_mm,
+            traced.path_mm,
+        )
 
-    def channels(self, pose: Pose, time_s: Array, light: Array | None = None, wobbled: Array | None = None) -> Counts:
+    def channels(
+        self, pose: Pose, time_s: Array, light: Array | None = None, wobbled: Array | None = None
+    ) -> Counts:
         """Return x, y and sum of QD, PSD1 and PSD2 in counts, shape (N, 9).
 
         ``light`` (N,) is 1 for a free beam, ``wobbled`` (N,) 1 for a wobbled pointing.
@@ -194,14 +211,21 @@ class VirtualHead:
         light = np.ones(len(spots.path_mm)) if light is None else light
         radius_mm = optics.spot_radius_mm(spots.path_mm)[:, None]
         readings = [
-            optics.qd.counts(quadrant_response(optics.qd.face_mm(spots.qd_mm), radius_mm), light, self._rng),
-            optics.psd1.counts(optics.psd1.face_mm(spots.psd1_mm) / optics.psd_half_mm, light, self._rng),
-            optics.psd2.counts(optics.psd2.face_mm(spots.psd2_mm) / optics.psd_half_mm, light, self._rng),
+            optics.qd.counts(
+                quadrant_response(optics.qd.face_mm(spots.qd_mm), radius_mm), light, self._rng
+            ),
+            optics.psd1.counts(
+                optics.psd1.face_mm(spots.psd1_mm) / optics.psd_half_mm, light, self._rng
+            ),
+            optics.psd2.counts(
+                optics.psd2.face_mm(spots.psd2_mm) / optics.psd_half_mm, light, self._rng
+            ),
         ]
         return np.concatenate(readings, axis=1)
 
     def _trace(self, pose: Pose, pointing: Array, bending_per_mm: Array) -> Spots:
-        """Follow the ray out, and back from cube and mirror. ``bending_per_mm`` is the change of slope per mm, out and back alike."""
+        """Follow the ray out, and back from cube and mirror. ``bending_per_mm`` is the change of
+        slope per mm, out and back alike."""
         stand, optics = self._stand, self._optics
         vertex = pose.point_mm(self._vertex_mm)
         out = stand.beam + stand.across(pointing)
@@ -218,19 +242,28 @@ class VirtualHead:
         mirror_at_source = met + mirrored / back * distance + bow
         return Spots(
             qd_mm=stand.lateral(at_source - stand.source_mm + from_cube * optics.qd_path_mm),
-            psd1_mm=_focused(stand, at_source, from_cube, optics.psd1_focal_mm, optics.psd1_defocus_mm),
-            psd2_mm=_focused(stand, mirror_at_source, from_mirror, optics.psd2_focal_mm, optics.psd2_defocus_mm),
+            psd1_mm=_focused(
+                stand, at_source, from_cube, optics.psd1_focal_mm, optics.psd1_defocus_mm
+            ),
+            psd2_mm=_focused(
+                stand, mirror_at_source, from_mirror, optics.psd2_focal_mm, optics.psd2_defocus_mm
+            ),
             path_mm=2.0 * distance[:, 0] + optics.qd_path_mm,
         )
 
     def _mirrored(self, pose: Pose, arriving: Array) -> Array:
         normal = pose.vector(self._normal)
-        reflected: Array = arriving - 2.0 * np.einsum("ni,ni->n", arriving, normal)[:, None] * normal
+        reflected: Array = (
+            arriving - 2.0 * np.einsum("ni,ni->n", arriving, normal)[:, None] * normal
+        )
         return reflected
 
 
-def _focused(stand: HeadStand, at_lens: Array, direction: Array, focal_mm: float, defocus_mm: float) -> Array:
-    """Return the spot behind a thin lens at the source's plane: height x and slope s give x + (f + d)(s - x / f)."""
+def _focused(
+    stand: HeadStand, at_lens: Array, direction: Array, focal_mm: float, defocus_mm: float
+) -> Array:
+    """Return the spot behind a thin lens at the source's plane: height x and slope s give x + (f +
+    d)(s - x / f)."""
     height = stand.lateral(at_lens - stand.source_mm)
     slope = stand.lateral(direction)
     spot: Array = height + (focal_mm + defocus_mm) * (slope - height / focal_mm)
@@ -248,13 +281,15 @@ _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 
 def quadrant_response(shift_mm: Array, radius_mm: Array) -> Array:
-    """Return (right - left) / sum of an ideal quadrant cell for a Gaussian spot: erf(sqrt(2) shift / radius), shape like ``shift_mm``."""
+    """Return (right - left) / sum of an ideal quadrant cell for a Gaussian spot: erf(sqrt(2) shift
+    / radius), shape like ``shift_mm``."""
     response: Array = _erf(math.sqrt(2.0) * shift_mm / radius_mm)
     return response
 
 
 def stage_pose(distance_mm: float, shift_mm: Array, turn_urad: Array, stand: HeadStand) -> Pose:
-    """Return poses of a calibration stage on the beam: shifted (N, 2) and turned (N, 2) laterally, as a reference stage does it.
+    """Return poses of a calibration stage on the beam: shifted (N, 2) and turned (N, 2) laterally,
+    as a reference stage does it.
 
     A turn of ``(p, q)`` tips the mirror so that its reflection goes right by 2p and up by 2q.
     """

@@ -32,7 +32,9 @@ def frame_checksum(data: bytes) -> int:
 class FourdofHead(Counting):
     """A head that sends frame after frame (`stepdiag.virtual.instruments.talker.Talking`)."""
 
-    def __init__(self, look: Look, *, rate_hz: float = 250.0, encoding: Literal["binary", "ascii"] = "binary") -> None:
+    def __init__(
+        self, look: Look, *, rate_hz: float = 250.0, encoding: Literal["binary", "ascii"] = "binary"
+    ) -> None:
         super().__init__()
         self.rate_hz = rate_hz
         self._look = look
@@ -44,7 +46,11 @@ class FourdofHead(Counting):
 
     def _frame(self, values: list[int]) -> bytes:
         counter, self._counter = self._counter, (self._counter + 1) % 2**32
-        status = sum(1 << part for part in range(3) if max(map(abs, values[3 * part : 3 * part + 3])) >= _SATURATION_COUNTS)
+        status = sum(
+            1 << part
+            for part in range(3)
+            if max(map(abs, values[3 * part : 3 * part + 3])) >= _SATURATION_COUNTS
+        )
         if self._encoding == "ascii":
             text = ",".join(["4D", str(counter), str(status), *map(str, values)])
             return f"${text}*{frame_checksum(text.encode('ascii')):04X}\r\n".encode("ascii")
@@ -59,9 +65,11 @@ _FULL_SCALE = 32767
 
 
 class QuadrantDetector:
-    """A KPA101/TPA101: only the QD, asked by message 0871h (`stepdiag.virtual.instruments.talker.Answering`).
+    """A KPA101/TPA101: only the QD, asked by message 0871h
+    (`stepdiag.virtual.instruments.talker.Answering`).
 
-    Full sum of the optics is 8 V of the 20 V range; x comes inverted, as the units are known to send it.
+    Full sum of the optics is 8 V of the 20 V range; x comes inverted, as the units are known to
+    send it.
     """
 
     def __init__(self, look: Look, *, full_sum: float) -> None:
@@ -82,7 +90,10 @@ class QuadrantDetector:
         if request != _ASK:
             return b""
         x, y, total = (value * self._volts for value in self._look(np.array([wall_s]))[0, :3])
-        difference = [int(np.clip(round(volt / 10.0 * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE)) for volt in (-x, y)]
+        difference = [
+            int(np.clip(round(volt / 10.0 * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE))
+            for volt in (-x, y)
+        ]
         level = int(np.clip(round(total / 20.0 * _FULL_SCALE), 0, 0xFFFF))
         return _TELL + struct.pack("<HhhHhh", 3, *difference, level, 0, 0)
 

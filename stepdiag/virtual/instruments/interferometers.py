@@ -1,7 +1,8 @@
-"""Lasers with a public interface, as their makers' papers have them: attocube IDS3010, Lasertex HPI-3D (uLine F1), quTools quDIS.
+"""Lasers with a public interface, as their makers' papers have them: attocube IDS3010, Lasertex
+HPI-3D (uLine F1), quTools quDIS.
 
-Written from the public specifications named in docs/lasers.md, not from the decoders. The IDS answers single questions, the other
-two stream on request.
+Written from the public specifications named in docs/lasers.md, not from the decoders. The IDS
+answers single questions, the other two stream on request.
 """
 
 import json
@@ -57,7 +58,11 @@ class Ids3010:
         """Return the answer to one request."""
         asked = json.loads(request)
         result = self._result(asked["method"], reading_mm, beam=beam)
-        answer = {"result": result} if result is not None else {"error": {"code": -32601, "message": "Method not found"}}
+        answer = (
+            {"result": result}
+            if result is not None
+            else {"error": {"code": -32601, "message": "Method not found"}}
+        )
         return json.dumps({"jsonrpc": "2.0", "id": asked["id"], **answer}).encode() + b"\r\n"
 
     def _result(self, method: str, reading_mm: float, *, beam: bool) -> list[float] | None:
@@ -86,7 +91,8 @@ def lasertex_crc(data: bytes) -> int:
 
 
 class Lasertex:
-    """The HPI-3D: 25 readings a second once distances are on, its wireless sensors once a second once the weather is on.
+    """The HPI-3D: 25 readings a second once distances are on, its wireless sensors once a second
+    once the weather is on.
 
     A lost signal is held as a flag until command B03Dh drops it.
     """
@@ -129,7 +135,9 @@ class Lasertex:
             self._held |= not present
             if self._distance:
                 state = 0x01 | (0x00 if self._held else 0x08)
-                data = round(position_mm * 1e7).to_bytes(7, "big", signed=True) + bytes((0, 0, 0, state, self._level if present else 2))
+                data = round(position_mm * 1e7).to_bytes(7, "big", signed=True) + bytes(
+                    (0, 0, 0, state, self._level if present else 2)
+                )
                 answer += self._frame(0xB015, data)
             if self._weather and self._samples % 25 == 0:
                 answer += b"".join(self._sensors())
@@ -149,10 +157,20 @@ class Lasertex:
 
     def _sensors(self) -> Iterator[bytes]:
         now = self._climate()
-        air = struct.pack(">BhBBBh4x", 0, round(now.air_c * 100), round(now.humidity_percent), 90, 80, round(now.pressure_hpa * 10))
+        air = struct.pack(
+            ">BhBBBh4x",
+            0,
+            round(now.air_c * 100),
+            round(now.humidity_percent),
+            90,
+            80,
+            round(now.pressure_hpa * 10),
+        )
         yield self._frame(0xB00A, air)
         for sensor in (1, 2):
-            yield self._frame(0xB00A, struct.pack(">BhBBBh4x", sensor, round(now.material_c * 100), 0, 90, 80, 0))
+            yield self._frame(
+                0xB00A, struct.pack(">BhBBBh4x", sensor, round(now.material_c * 100), 0, 90, 80, 0)
+            )
 
     def _frame(self, code: int, data: bytes) -> bytes:
         frame = b"\xaa" + code.to_bytes(2, "big") + data
@@ -160,7 +178,8 @@ class Lasertex:
 
 
 class Qudis:
-    """The quDIS: telegrams of a few readings each once a channel is triggered and data are on; the marker counts edges of ``stopped``."""
+    """The quDIS: telegrams of a few readings each once a channel is triggered and data are on; the
+    marker counts edges of ``stopped``."""
 
     def __init__(self, stopped: Callable[[Array], Flags], *, axis: int = 1) -> None:
         self._stopped = stopped
@@ -222,9 +241,21 @@ class Qudis:
         answer = b""
         for first in range(0, len(reading_mm), 32):
             part = slice(first, first + 32)
-            words = [word for mm, edges in zip(reading_mm[part].tolist(), marker[part].tolist(), strict=True) for word in _pair(mm, edges)]
+            words = [
+                word
+                for mm, edges in zip(reading_mm[part].tolist(), marker[part].tolist(), strict=True)
+                for word in _pair(mm, edges)
+            ]
             if streams and wanted:
-                answer += struct.pack(f"<iiiii{len(words)}I", 16 + 4 * len(words), 4, 0x0F00, _signed(self._index), 0, *words)
+                answer += struct.pack(
+                    f"<iiiii{len(words)}I",
+                    16 + 4 * len(words),
+                    4,
+                    0x0F00,
+                    _signed(self._index),
+                    0,
+                    *words,
+                )
             self._index += len(words) // 2
         return answer
 

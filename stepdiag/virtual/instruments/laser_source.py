@@ -75,7 +75,9 @@ class Counter:
 
     def _lose(self) -> None:
         if not math.isnan(self._offset_mm):
-            self._held_mm += float(self._rng.integers(-_LOST_FRINGES, _LOST_FRINGES)) * _LOST_FRINGE_MM
+            self._held_mm += (
+                float(self._rng.integers(-_LOST_FRINGES, _LOST_FRINGES)) * _LOST_FRINGE_MM
+            )
             self._offset_mm = math.nan
 
 
@@ -85,7 +87,9 @@ class _Sampler:
     ``latency_s`` is the delay inside the instrument: what is sent was true that long ago.
     """
 
-    def __init__(self, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float) -> None:
+    def __init__(
+        self, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float
+    ) -> None:
         self._read = read
         self._counter = counter
         self._clock = clock
@@ -128,7 +132,16 @@ class _Sampler:
 class TalkingLaser(_Sampler):
     """A laser that sends line after line (`stepdiag.virtual.instruments.talker.Talking`)."""
 
-    def __init__(self, encoder: Encoder, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        encoder: Encoder,
+        read: Read,
+        counter: Counter,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        latency_s: float = 0.0,
+    ) -> None:
         super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
         self._encoder = encoder
         self.rate_hz = encoder.rate_hz
@@ -149,7 +162,16 @@ class TalkingLaser(_Sampler):
 class CommandedLaser(TalkingLaser):
     """A laser that sends on request (`stepdiag.virtual.instruments.talker.Responding`)."""
 
-    def __init__(self, device: Lasertex, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        device: Lasertex,
+        read: Read,
+        counter: Counter,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        latency_s: float = 0.0,
+    ) -> None:
         super().__init__(device, read, counter, clock=clock, faults=faults, latency_s=latency_s)
         self.respond = device.respond
 
@@ -157,10 +179,24 @@ class CommandedLaser(TalkingLaser):
 class MarkedLaser(_Sampler):
     """A quDIS: each reading carries the count of its marker input."""
 
-    def __init__(self, device: Qudis, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        device: Qudis,
+        read: Read,
+        counter: Counter,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        latency_s: float = 0.0,
+    ) -> None:
         super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
         self._device = device
-        self.rate_hz, self.banner, self.skip, self.respond = device.rate_hz, device.banner, device.skip, device.respond
+        self.rate_hz, self.banner, self.skip, self.respond = (
+            device.rate_hz,
+            device.banner,
+            device.skip,
+            device.respond,
+        )
 
     def speak(self, wall_s: Array) -> bytes:
         """Return the telegrams of these readings."""
@@ -169,9 +205,19 @@ class MarkedLaser(_Sampler):
 
 
 class AskedLaser(_Sampler):
-    """A position display that gives its value when asked (`stepdiag.virtual.instruments.talker.Answering`)."""
+    """A position display that gives its value when asked
+    (`stepdiag.virtual.instruments.talker.Answering`)."""
 
-    def __init__(self, display: Display, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        display: Display,
+        read: Read,
+        counter: Counter,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        latency_s: float = 0.0,
+    ) -> None:
         super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
         self._display = display
 

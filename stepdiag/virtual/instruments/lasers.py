@@ -1,7 +1,8 @@
 """Output of lasers on the wire: uMD boards, Heidenhain displays, any ASCII line. Bytes out, no
 input or output.
 
-uMD after the firmware sources named in the instruments' notes 1.A, ND 28x/287 after the manual pages of 1.B.
+uMD after the firmware sources named in the instruments' notes 1.A, ND 28x/287 after the manual
+pages of 1.B.
 """
 
 from collections.abc import Mapping
@@ -32,7 +33,8 @@ class Encoder(Protocol):
         ...
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return the lines of consecutive samples: readings in mm as the device holds them, beam present or not."""
+        """Return the lines of consecutive samples: readings in mm as the device holds them, beam
+        present or not."""
         ...
 
 
@@ -42,13 +44,15 @@ class Board:
 
     rate_hz: float
     counts_per_cycle: int = 0
-    """Homodyne boards only: quadrature counts per cycle of interference; 0 for heterodyne boards."""
+    """Homodyne boards only: quadrature counts per cycle of interference; 0 for heterodyne
+    boards."""
     phase_steps: int = 0
     """Steps of the phase field per count: 256 or 65536; 0 where there is none."""
     code_period: int = 32
     codes: Mapping[int, tuple[int, int]] = field(default_factory=dict)
     sequence_wrap: int = 0
-    """Wrap of a signed sequence number, 65536 where a 16-bit int is printed; 0 for none in practice."""
+    """Wrap of a signed sequence number, 65536 where a 16-bit int is printed; 0 for none in
+    practice."""
     banner: bytes = b""
 
 
@@ -72,8 +76,8 @@ _NO_MEASUREMENT_BEAM = 0x800
 class UmdBoard:
     """The lines of a uMD board: REF MEAS displacement velocity phase sequence code data, CR LF.
 
-    ``displacement - phase / steps`` is the reading in counts of wavelength / 2 / optics (the rule of the GUI). A heterodyne board
-    that loses the beam has MEAS 0; a homodyne board shows nothing.
+    ``displacement - phase / steps`` is the reading in counts of wavelength / 2 / optics (the rule
+    of the GUI). A heterodyne board that loses the beam has MEAS 0; a homodyne board shows nothing.
     """
 
     def __init__(
@@ -110,7 +114,9 @@ class UmdBoard:
         """Return one line a sample."""
         count, phase = self._count_and_phase(reading_mm / self._mm_per_count)
         velocity = np.diff(count, prepend=self._last_count)
-        doppler = np.where(np.abs(velocity) < self._reference, velocity, 0)  # a jump of the counter is not a speed
+        doppler = np.where(
+            np.abs(velocity) < self._reference, velocity, 0
+        )  # a jump of the counter is not a speed
         measured = np.where(beam, self._reference + doppler, 0)
         if self._board.phase_steps == 256:
             phase = np.where(beam, phase, _NO_MEASUREMENT_BEAM)
@@ -120,7 +126,9 @@ class UmdBoard:
             half = self._board.sequence_wrap // 2
             sequence = (sequence + half) % self._board.sequence_wrap - half
         reference = np.full_like(count, self._reference)
-        columns = np.stack([reference, measured, count, velocity, phase, sequence, code, data], axis=1)
+        columns = np.stack(
+            [reference, measured, count, velocity, phase, sequence, code, data], axis=1
+        )
         self._sequence += len(count)
         self._last_count = int(count[-1]) if len(count) else self._last_count
         return (self._line * len(count) % tuple(columns.ravel().tolist())).encode("ascii")
@@ -145,10 +153,15 @@ class UmdBoard:
 
 
 class AsciiLine(Counting):
-    """Lines made by a format text with the fields ``position_mm``, ``counter`` and ``beam`` (0 or 1)."""
+    """Lines made by a format text with the fields ``position_mm``, ``counter`` and ``beam`` (0 or
+    1)."""
 
     def __init__(
-        self, *, rate_hz: float, text: str = "{position_mm:+.6f} {counter:05d} {beam:.2f}\r\n", counter_modulus: int = 65536
+        self,
+        *,
+        rate_hz: float,
+        text: str = "{position_mm:+.6f} {counter:05d} {beam:.2f}\r\n",
+        counter_modulus: int = 65536,
     ) -> None:
         super().__init__()
         self.rate_hz = rate_hz
@@ -160,7 +173,9 @@ class AsciiLine(Counting):
         lines = []
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             counter = self._counter % self._modulus
-            lines.append(self._text.format(position_mm=position_mm, counter=counter, beam=float(present)))
+            lines.append(
+                self._text.format(position_mm=position_mm, counter=counter, beam=float(present))
+            )
             self._counter += 1
         return "".join(lines).encode("ascii")
 
@@ -169,7 +184,8 @@ _STX, _ACK, _NAK, _ESC = b"\x02", b"\x06", b"\x15", b"\x1b"
 
 
 class NdDisplay:
-    """A Heidenhain ND display: answers STX, ESC A0000, A0100, A0200 and key presses; NAK to anything else."""
+    """A Heidenhain ND display: answers STX, ESC A0000, A0100, A0200 and key presses; NAK to
+    anything else."""
 
     def __init__(self, *, resolution_mm: float = 0.0001) -> None:
         self._resolution_mm = resolution_mm

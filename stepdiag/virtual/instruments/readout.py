@@ -34,15 +34,23 @@ class Track:
 
 
 def track(player: Player, drive: Drive, time_s: Array) -> Track:
-    """Return the path of the axes at ascending machine times, the ring of the structure included."""
+    """Return the path of the axes at ascending machine times, the ring of the structure
+    included."""
     count = len(time_s)
-    followed = Track(np.zeros((count, 3)), np.zeros((count, 3)), [""] * count, *np.zeros((2, count), dtype=np.bool_))
+    followed = Track(
+        np.zeros((count, 3)),
+        np.zeros((count, 3)),
+        [""] * count,
+        *np.zeros((2, count), dtype=np.bool_),
+    )
     for segment in player.span(float(time_s[0]), float(time_s[-1])):
         first, last = np.searchsorted(time_s, (segment.start_s, segment.end_s))
         times = time_s[first:last]
         fraction = drive.fraction(segment.distance_mm, times - segment.start_s)[:, None]
         swing_mm = drive.ring_um_at(segment, times)[:, None] * segment.moved * 1e-3
-        followed.position_mm[first:last] = segment.true_from_mm + fraction * (segment.true_to_mm - segment.true_from_mm) + swing_mm
+        followed.position_mm[first:last] = (
+            segment.true_from_mm + fraction * (segment.true_to_mm - segment.true_from_mm) + swing_mm
+        )
         followed.approach[first:last] = segment.approach
         followed.setup[first:last] = [segment.step.setup] * (last - first)
         followed.wobbled[first:last] = segment.step.wobbled
@@ -52,7 +60,8 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
 
 @dataclass(slots=True)
 class _Curve:
-    """The indicated length over a segment: against its fraction for a move, against time for a stand."""
+    """The indicated length over a segment: against its fraction for a move, against time for a
+    stand."""
 
     key: tuple[int, int]
     at: Array
@@ -62,11 +71,20 @@ class _Curve:
 class Readout:
     """Turns machine times into indicated lengths.
 
-    The exact optics are computed at nodes of each segment and interpolated between them: while the axes stand the nodes
-    are moments ``refresh_s`` apart, so that heat and air go on; at both ends of a move the value is exact.
+    The exact optics are computed at nodes of each segment and interpolated between them: while the
+    axes stand the nodes are moments ``refresh_s`` apart, so that heat and air go on; at both ends
+    of a move the value is exact.
     """
 
-    def __init__(self, machine: Machine, player: Player, drive: Drive, setup_of: Callable[[str], Setup], *, refresh_s: float = 1.0) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        player: Player,
+        drive: Drive,
+        setup_of: Callable[[str], Setup],
+        *,
+        refresh_s: float = 1.0,
+    ) -> None:
         self._machine = machine
         self._player = player
         self._drive = drive
@@ -75,7 +93,8 @@ class Readout:
         self._curve = _Curve((-1, -1), np.zeros(2), np.zeros(2))
 
     def read(self, time_s: Array) -> tuple[Array, Flags]:
-        """Return indicated lengths in mm and whether there is a beam, at ascending machine times, both shape (N,)."""
+        """Return indicated lengths in mm and whether there is a beam, at ascending machine times,
+        both shape (N,)."""
         indicated = np.zeros(len(time_s))
         beam = np.zeros(len(time_s), dtype=np.bool_)
         for segment in self._player.span(float(time_s[0]), float(time_s[-1])):
@@ -88,7 +107,11 @@ class Readout:
     def _segment_mm(self, segment: Segment, time_s: Array) -> Array:
         setup = self._setup_of(segment.step.setup)
         moving = segment.step.kind == "move"
-        fraction = self._drive.fraction(segment.distance_mm, time_s - segment.start_s) if moving else np.zeros_like(time_s)
+        fraction = (
+            self._drive.fraction(segment.distance_mm, time_s - segment.start_s)
+            if moving
+            else np.zeros_like(time_s)
+        )
         curve = self._curve_of(segment, setup, float(time_s[0]), moving=moving)
         length_mm = np.interp(fraction if moving else time_s, curve.at, curve.indicated_mm)
         together: Array = length_mm + self._swing_um(segment, setup, time_s) * 1e-3
@@ -100,11 +123,17 @@ class Readout:
             if moving:
                 at = np.linspace(0.0, 1.0, _MOVE_NODES)
                 times = np.full(_MOVE_NODES, segment.start_s)
-                points = segment.true_from_mm + at[:, None] * (segment.true_to_mm - segment.true_from_mm)
+                points = segment.true_from_mm + at[:, None] * (
+                    segment.true_to_mm - segment.true_from_mm
+                )
             else:
-                at = times = segment.start_s + self._refresh_s * (block + np.arange(_GRID_NODES, dtype=np.float64))
+                at = times = segment.start_s + self._refresh_s * (
+                    block + np.arange(_GRID_NODES, dtype=np.float64)
+                )
                 points = np.broadcast_to(segment.true_to_mm, (_GRID_NODES, 3))
-            indicated = self._machine.indicated_mm(setup, points, direction=segment.approach, time_s=times)
+            indicated = self._machine.indicated_mm(
+                setup, points, direction=segment.approach, time_s=times
+            )
             self._curve = _Curve((segment.number, block), at, indicated)
         return self._curve
 
@@ -155,8 +184,13 @@ class HeadView:
             here = lit & (names == setup)
             if setup.startswith("fourdof") and here.any():
                 pose = self._machine.pose(
-                    followed.position_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
+                    followed.position_mm[here],
+                    direction=followed.approach[here],
+                    time_s=machine_s[here],
+                    stand=self._stand,
                 )
                 wobbled = followed.wobbled[here].astype(np.float64)
-                channels[here] = self._head_of(setup).channels(pose, machine_s[here], wobbled=wobbled)
+                channels[here] = self._head_of(setup).channels(
+                    pose, machine_s[here], wobbled=wobbled
+                )
         return channels

@@ -80,7 +80,8 @@ AIR_CABLE = CableFaults("air-unplug", "air-silent", "air-garbage", "air-baud")
 
 
 class Talker:
-    """The thread. ``powered`` is called when the instrument gets power after its cable was pulled."""
+    """The thread. ``powered`` is called when the instrument gets power after its cable was
+    pulled."""
 
     def __init__(
         self,
@@ -152,7 +153,8 @@ class Talker:
             device.watch(self._clock.wall_s())
 
     def _plugged_in(self, now: float) -> bool:
-        """Pull the cable or put it back as scripted; return whether the instrument has just got power."""
+        """Pull the cable or put it back as scripted; return whether the instrument has just got
+        power."""
         if self._faults.active(self._cable.unplug, now):
             self._line.unplug()
         elif not self._line.plugged:

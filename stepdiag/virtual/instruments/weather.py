@@ -26,7 +26,10 @@ class Transmitter:
         if request.strip().upper() != b"SEND":
             return request + b"\r\nUnknown command\r\n>"
         now = self._climate()
-        values = f"P= {now.pressure_hpa:7.2f} hPa T={now.air_c:6.2f} 'C RH={now.humidity_percent:6.2f} %RH"
+        values = (
+            f"P= {now.pressure_hpa:7.2f} hPa T={now.air_c:6.2f} 'C "
+            f"RH={now.humidity_percent:6.2f} %RH"
+        )
         return request + b"\r\n" + values.encode("ascii") + b"\r\n>"
 
     def watch(self, wall_s: float) -> None:
@@ -34,7 +37,8 @@ class Transmitter:
 
 
 class Logger(Counting):
-    """A logger: four lines a second of temperature, pressure in kPa, humidity and a probe on the machine (`Talking`)."""
+    """A logger: four lines a second of temperature, pressure in kPa, humidity and a probe on the
+    machine (`Talking`)."""
 
     def __init__(self, climate: AskClimate) -> None:
         super().__init__()
@@ -44,5 +48,8 @@ class Logger(Counting):
     def speak(self, wall_s: Array) -> bytes:
         """Return one line a sample."""
         now = self._climate()
-        line = f"{now.air_c:+.2f};{now.pressure_hpa / 10.0:.4f};{now.humidity_percent:.1f};{now.material_c:+.3f}\r\n"
+        line = (
+            f"{now.air_c:+.2f};{now.pressure_hpa / 10.0:.4f};{now.humidity_percent:.1f};"
+            f"{now.material_c:+.3f}\r\n"
+        )
         return line.encode("ascii") * len(wall_s)

@@ -1,4 +1,5 @@
-"""The refractive index of moist air after Ciddor (Appl. Opt. 35 (1996) 1566; NIST Engineering Metrology Toolbox, Appendix A)."""
+"""The refractive index of moist air after Ciddor (Appl. Opt. 35 (1996) 1566; NIST Engineering
+Metrology Toolbox, Appendix A)."""
 
 import math
 
@@ -25,7 +26,12 @@ def _compressibility(pressure_pa: float, temperature_c: float, water: float) -> 
     return 1.0 - ratio * (first + second) + ratio**2 * (1.83e-11 - 0.765e-8 * water**2)
 
 
-def refractive_index(temperature_c: float, pressure_hpa: float, humidity_percent: float, wavelength_nm: float = 632.991) -> float:
+def refractive_index(
+    temperature_c: float,
+    pressure_hpa: float,
+    humidity_percent: float,
+    wavelength_nm: float = 632.991,
+) -> float:
     """Return the phase index of air with 450 ppm CO2 at a vacuum wavelength."""
     pressure = pressure_hpa * 100.0
     kelvin = temperature_c + 273.15
@@ -33,8 +39,14 @@ def refractive_index(temperature_c: float, pressure_hpa: float, humidity_percent
     dry = 1e-8 * (5792105.0 / (238.0185 - wave) + 167917.0 / (57.362 - wave))
     vapour = 1.022e-8 * (295.235 + 2.6422 * wave - 0.03238 * wave**2 + 0.004028 * wave**3)
     enhancement = 1.00062 + 3.14e-8 * pressure + 5.6e-7 * temperature_c**2
-    water = humidity_percent / 100.0 * enhancement * saturation_pressure_pa(temperature_c) / pressure
-    density = pressure * _DRY_AIR_KG_PER_MOL / (_GAS_CONSTANT * kelvin * _compressibility(pressure, temperature_c, water))
+    water = (
+        humidity_percent / 100.0 * enhancement * saturation_pressure_pa(temperature_c) / pressure
+    )
+    density = (
+        pressure
+        * _DRY_AIR_KG_PER_MOL
+        / (_GAS_CONSTANT * kelvin * _compressibility(pressure, temperature_c, water))
+    )
     dry_density = density * (1.0 - water)
     water_density = density * water * 0.018015 / _DRY_AIR_KG_PER_MOL
     standard_density = 101325.0 * _DRY_AIR_KG_PER_MOL / (0.9995922115 * _GAS_CONSTANT * 288.15)

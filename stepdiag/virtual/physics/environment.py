@@ -20,7 +20,11 @@ class Course:
     def at(self, time_s: Array) -> Array:
         """Return the value at each time, shape like ``time_s``."""
         hours = np.asarray(time_s, dtype=np.float64) / 3600.0
-        value: Array = self.start + self.per_hour * hours + self.swing * np.sin(2 * np.pi * hours / self.period_h)
+        value: Array = (
+            self.start
+            + self.per_hour * hours
+            + self.swing * np.sin(2 * np.pi * hours / self.period_h)
+        )
         return value
 
 
@@ -36,7 +40,8 @@ class Environment:
     def index(self, time_s: Array, wavelength_nm: float) -> Array:
         """Return the refractive index of the air at each time, shape (N,).
 
-        Air changes slowly: the index is computed at up to 200 times and interpolated between them (below 1e-11).
+        Air changes slowly: the index is computed at up to 200 times and interpolated between them
+        (below 1e-11).
         """
         times = np.asarray(time_s, dtype=np.float64)
         if len(times) == 0:
@@ -45,7 +50,10 @@ class Environment:
         index = [
             refractive_index(air_c, pressure_hpa, humidity, wavelength_nm)
             for air_c, pressure_hpa, humidity in zip(
-                self.air_c.at(grid), self.pressure_hpa.at(grid), self.humidity_percent.at(grid), strict=True
+                self.air_c.at(grid),
+                self.pressure_hpa.at(grid),
+                self.humidity_percent.at(grid),
+                strict=True,
             )
         ]
         return np.interp(times, grid, index)

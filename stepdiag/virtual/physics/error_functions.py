@@ -1,4 +1,5 @@
-"""The 21 geometric errors of a three-axis machine: smooth, tabulated or zero (ISO 230-1 names and signs, contract 1)."""
+"""The 21 geometric errors of a three-axis machine: smooth, tabulated or zero (ISO 230-1 names and
+signs, contract 1)."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,8 +21,8 @@ SQUARENESS = ("C0Y", "B0Z", "A0Z")
 class Smooth:
     """A sum of half waves over the travel plus a straight line, continued smoothly beyond the ends.
 
-    ``value = slope * (p - low) + sum_k amplitude[k] sin((k + 1) pi (p - low) / length)``: every half wave is zero at
-    both ends, so the end-point line is exactly ``slope``.
+    ``value = slope * (p - low) + sum_k amplitude[k] sin((k + 1) pi (p - low) / length)``: every
+    half wave is zero at both ends, so the end-point line is exactly ``slope``.
     """
 
     low_mm: float
@@ -50,7 +51,8 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Waved:
-    """A function with a periodic error on it, as of a ball screw or a scale; nothing is added at ``low_mm``."""
+    """A function with a periodic error on it, as of a ball screw or a scale; nothing is added at
+    ``low_mm``."""
 
     base: ErrorFunction
     amplitude: float
@@ -59,14 +61,19 @@ class Waved:
     low_mm: float = 0.0
 
     def __call__(self, position_mm: Array) -> Array:
-        turns = 2.0 * np.pi / self.period_mm * (np.asarray(position_mm, dtype=np.float64) - self.low_mm)
-        value: Array = self.base(position_mm) + self.amplitude * (np.sin(turns + self.phase_rad) - np.sin(self.phase_rad))
+        turns = (
+            2.0 * np.pi / self.period_mm * (np.asarray(position_mm, dtype=np.float64) - self.low_mm)
+        )
+        value: Array = self.base(position_mm) + self.amplitude * (
+            np.sin(turns + self.phase_rad) - np.sin(self.phase_rad)
+        )
         return value
 
 
 @dataclass(frozen=True, slots=True)
 class Sloped:
-    """A function with a straight line added that is ``at_low`` at ``low_mm`` and rises by ``slope_per_mm``."""
+    """A function with a straight line added that is ``at_low`` at ``low_mm`` and rises by
+    ``slope_per_mm``."""
 
     base: ErrorFunction
     low_mm: float
@@ -84,7 +91,9 @@ def zero(position_mm: Array) -> Array:
     return np.zeros_like(position_mm, dtype=np.float64)
 
 
-def smooth(rng: np.random.Generator, low_mm: float, length_mm: float, amplitude: float, tilt: float = 0.0) -> Smooth:
+def smooth(
+    rng: np.random.Generator, low_mm: float, length_mm: float, amplitude: float, tilt: float = 0.0
+) -> Smooth:
     """Draw a smooth function whose largest deviation from its end-point line is ``amplitude``.
 
     ``tilt`` is the rise of the end-point line over the travel, in the unit of ``amplitude``.
@@ -112,8 +121,9 @@ class Amplitudes:
 class ErrorSet:
     """All errors of one machine: of the tool relative to the work, actual minus commanded.
 
-    ``functions`` holds any of the 18 functions (absent ones are zero), ``squareness_urad`` any of the three squareness
-    errors; ``reversal`` adds half of its value when the axis last moved in +, takes half away when it moved in -.
+    ``functions`` holds any of the 18 functions (absent ones are zero), ``squareness_urad`` any of
+    the three squareness errors; ``reversal`` adds half of its value when the axis last moved in +,
+    takes half away when it moved in -.
     """
 
     low_mm: tuple[float, float, float]
@@ -127,7 +137,8 @@ class ErrorSet:
         _refuse_unknown(self.squareness_urad, SQUARENESS)
 
     def displacement_um(self, axis: int, position_mm: Array, direction: Array) -> Array:
-        """Return the displacement of carriage ``axis`` (0, 1, 2) with the squareness lines in it, shape (N, 3)."""
+        """Return the displacement of carriage ``axis`` (0, 1, 2) with the squareness lines in it,
+        shape (N, 3)."""
         value = self._components("XYZ", axis, position_mm, direction)
         travelled_m = (np.asarray(position_mm, dtype=np.float64) - self.low_mm[axis]) * 1e-3
         if AXES[axis] == "Y":
@@ -157,9 +168,13 @@ def _refuse_unknown(names: Iterable[str], known: tuple[str, ...]) -> None:
 
 
 def random_errors(
-    seed: int, low_mm: tuple[float, float, float], size_mm: tuple[float, float, float], amplitudes: Amplitudes | None = None
+    seed: int,
+    low_mm: tuple[float, float, float],
+    size_mm: tuple[float, float, float],
+    amplitudes: Amplitudes | None = None,
 ) -> ErrorSet:
-    """Draw a machine: nine displacement and nine angular functions, scales and squareness of random sign, by ``seed``."""
+    """Draw a machine: nine displacement and nine angular functions, scales and squareness of random
+    sign, by ``seed``."""
     wanted = amplitudes or Amplitudes()
     rng = np.random.default_rng(seed)
     functions: dict[str, ErrorFunction] = {}
@@ -168,10 +183,15 @@ def random_errors(
             own = component == axis
             amplitude = wanted.positioning_um if own else wanted.straightness_um
             scale_um = rng.uniform(-1.0, 1.0) * wanted.scale_um_m * length * 1e-3
-            functions[f"E{AXES[component]}{letter}"] = smooth(rng, low, length, amplitude, scale_um if own else 0.0)
+            functions[f"E{AXES[component]}{letter}"] = smooth(
+                rng, low, length, amplitude, scale_um if own else 0.0
+            )
         for about in "ABC":
             tilt = rng.uniform(-0.5, 0.5) * wanted.angle_urad
             functions[f"E{about}{letter}"] = smooth(rng, low, length, wanted.angle_urad / 2.0, tilt)
     signs = rng.choice([-1.0, 1.0], size=3)
-    squareness = {name: float(sign * wanted.squareness_urad) for name, sign in zip(SQUARENESS, signs, strict=True)}
+    squareness = {
+        name: float(sign * wanted.squareness_urad)
+        for name, sign in zip(SQUARENESS, signs, strict=True)
+    }
     return ErrorSet(low_mm=low_mm, size_mm=size_mm, functions=functions, squareness_urad=squareness)

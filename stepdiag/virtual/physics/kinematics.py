@@ -49,13 +49,18 @@ class Pose:
 
 
 def rotation_matrix(angles_rad: Array) -> Array:
-    """Return the rotations by the vectors ``angles_rad`` (N, 3): axis = direction, angle = length (Rodrigues), (N, 3, 3)."""
+    """Return the rotations by the vectors ``angles_rad`` (N, 3): axis = direction, angle = length
+    (Rodrigues), (N, 3, 3)."""
     angle = np.linalg.norm(angles_rad, axis=-1)[:, None, None]
     cross = np.zeros((len(angles_rad), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2] = -angles_rad[:, 2], angles_rad[:, 1]
     cross[:, 1, 0], cross[:, 1, 2] = angles_rad[:, 2], -angles_rad[:, 0]
     cross[:, 2, 0], cross[:, 2, 1] = -angles_rad[:, 1], angles_rad[:, 0]
-    turned: Array = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    turned: Array = (
+        np.eye(3)
+        + np.sinc(angle / np.pi) * cross
+        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    )
     return turned
 
 
@@ -65,22 +70,35 @@ def split_chain(chain: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
     Raises ValueError when ``chain`` is not F, X, Y and Z once each.
     """
     if sorted(chain) != ["F", "X", "Y", "Z"]:
-        raise ValueError(f"chain: expected F, X, Y, Z once each from workpiece to tool, found {chain!r}")
+        raise ValueError(
+            f"chain: expected F, X, Y, Z once each from workpiece to tool, found {chain!r}"
+        )
     work, tool = chain.split("F")
-    return tuple(AXES.index(letter) for letter in work), tuple(AXES.index(letter) for letter in tool)
+    return tuple(AXES.index(letter) for letter in work), tuple(
+        AXES.index(letter) for letter in tool
+    )
 
 
-def tool_pose(chain: str, travel_mm: Array, displacement_um: list[Array], rotation_urad: list[Array], stand: Stand = "table") -> Pose:
+def tool_pose(
+    chain: str,
+    travel_mm: Array,
+    displacement_um: list[Array],
+    rotation_urad: list[Array],
+    stand: Stand = "table",
+) -> Pose:
     """Return the frame at the end of the chain, seen from the workpiece table or from the floor.
 
-    ``travel_mm`` (N, 3) is counted from the point to which the errors refer; ``displacement_um`` and ``rotation_urad`` hold
-    one (N, 3) per axis. From the floor the axes that carry the work are not seen at all.
+    ``travel_mm`` (N, 3) is counted from the point to which the errors refer; ``displacement_um``
+    and ``rotation_urad`` hold one (N, 3) per axis. From the floor the axes that carry the work are
+    not seen at all.
     """
     work, tool = split_chain(chain)
     count = len(travel_mm)
     pose = Pose(np.zeros((count, 3)), np.broadcast_to(np.eye(3), (count, 3, 3)))
     for axis in work if stand == "table" else ():
-        pose = pose.moved(displacement_um[axis] * 1e-3).turned(rotation_matrix(rotation_urad[axis] * 1e-6))
+        pose = pose.moved(displacement_um[axis] * 1e-3).turned(
+            rotation_matrix(rotation_urad[axis] * 1e-6)
+        )
         pose = pose.moved(_along(axis, travel_mm))
     for axis in tool:
         pose = pose.moved(_along(axis, travel_mm) + displacement_um[axis] * 1e-3)

@@ -39,8 +39,12 @@ class Figure:
         height = np.zeros_like(across_mm)
         total = 0.0
         for _ in range(4):
-            waves_across, waves_up, phase, weight = rng.uniform((-2, -2, 0, 0.3), (2, 2, 2 * np.pi, 1.0))
-            height += weight * np.sin(np.pi / self.diameter_mm * (waves_across * across_mm + waves_up * up_mm) + phase)
+            waves_across, waves_up, phase, weight = rng.uniform(
+                (-2, -2, 0, 0.3), (2, 2, 2 * np.pi, 1.0)
+            )
+            height += weight * np.sin(
+                np.pi / self.diameter_mm * (waves_across * across_mm + waves_up * up_mm) + phase
+            )
             total += weight
         scaled: Array = height * (self.peak_um * 1e-3 / total)
         return scaled
@@ -58,7 +62,8 @@ def perpendiculars(direction: Array) -> tuple[Array, Array]:
 
 
 def tilted(direction: Array, tilt_mrad: tuple[float, float]) -> Array:
-    """Return the unit vector ``direction`` leaning by ``tilt_mrad`` towards its two `perpendiculars`, shape (3,)."""
+    """Return the unit vector ``direction`` leaning by ``tilt_mrad`` towards its two
+    `perpendiculars`, shape (3,)."""
     level, up = perpendiculars(direction)
     leaning = direction + 1e-3 * (tilt_mrad[0] * level + tilt_mrad[1] * up)
     unit: Array = leaning / np.linalg.norm(leaning)
@@ -67,14 +72,16 @@ def tilted(direction: Array, tilt_mrad: tuple[float, float]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class PlaneMirror:
-    """A flat mirror in the spindle: ``pole_mm`` and ``normal`` in the tool's coordinates; the normal points along the beam."""
+    """A flat mirror in the spindle: ``pole_mm`` and ``normal`` in the tool's coordinates; the
+    normal points along the beam."""
 
     pole_mm: Array
     normal: Array
     figure: Figure | None = None
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
-        """Return where the ray meets the mirror's plane, L = n.(P - S) / (n.u), with the figure of the face, shape (N,)."""
+        """Return where the ray meets the mirror's plane, L = n.(P - S) / (n.u), with the figure of
+        the face, shape (N,)."""
         normal = pose.vector(self.normal)
         pole = pose.point_mm(self.pole_mm)
         incidence = normal @ beam.direction
@@ -94,6 +101,7 @@ class CornerCube:
     vertex_mm: Array
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
-        """Return the distance of the vertex along the beam: a cube returns the ray parallel, whatever its attitude, shape (N,)."""
+        """Return the distance of the vertex along the beam: a cube returns the ray parallel,
+        whatever its attitude, shape (N,)."""
         distance: Array = (pose.point_mm(self.vertex_mm) - beam.source_mm) @ beam.direction
         return distance

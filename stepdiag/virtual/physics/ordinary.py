@@ -58,59 +58,114 @@ class Figure:
 
 FIGURES = {
     "repeatability": Figure(
-        good=0.2, ordinary=0.5, poor=1.5, unit="um, standard deviation of one approach of one axis", mark="DERIVED",
+        good=0.2,
+        ordinary=0.5,
+        poor=1.5,
+        unit="um, standard deviation of one approach of one axis",
+        mark="DERIVED",
         source=(
-            "R of one direction is 4 standard deviations (READ: an ISO 230-2 report, github paulscherrerinstitute/ecmccfg, "
-            "examples/test/fat_sat); makers of precise machines state +-2 um or less (READ: jmcncmachine.com), others 1 to "
+            "R of one direction is 4 standard deviations (READ: an ISO 230-2 report, github "
+            "paulscherrerinstitute/ecmccfg, "
+            "examples/test/fat_sat); makers of precise machines state +-2 um or less (READ: "
+            "jmcncmachine.com), others 1 to "
             "5 um (RECALLED)"
         ),
     ),
     "reversal": Figure(
-        good=0.5, ordinary=2.0, poor=20.0, unit="um", mark="RECALLED",
-        source="general knowledge; one good machine showed 0.15 um (READ: site report of a Bostomatic 32GS, 2009)",
+        good=0.5,
+        ordinary=2.0,
+        poor=20.0,
+        unit="um",
+        mark="RECALLED",
+        source="general knowledge; one good machine showed 0.15 um (READ: site report of a "
+        "Bostomatic 32GS, 2009)",
     ),
     "angle": Figure(
-        good=5.0, ordinary=15.0, poor=50.0, unit="urad, range over the travel", mark="RECALLED", source="general knowledge",
+        good=5.0,
+        ordinary=15.0,
+        poor=50.0,
+        unit="urad, range over the travel",
+        mark="RECALLED",
+        source="general knowledge",
     ),
     "squareness": Figure(
-        good=10.0, ordinary=30.0, poor=100.0, unit="urad", mark="RECALLED",
+        good=10.0,
+        ordinary=30.0,
+        poor=100.0,
+        unit="urad",
+        mark="RECALLED",
         source="general knowledge; the tolerances of ISO 10791-1 were not found in public",
     ),
     "scale": Figure(
-        good=5.0, ordinary=20.0, poor=50.0, unit="um/m", mark="RECALLED", source="general knowledge",
+        good=5.0,
+        ordinary=20.0,
+        poor=50.0,
+        unit="um/m",
+        mark="RECALLED",
+        source="general knowledge",
     ),
     "positioning": Figure(
-        good=2.0, ordinary=6.0, poor=12.0, unit="um per 500 mm, largest deviation from the end-point line", mark="RECALLED",
+        good=2.0,
+        ordinary=6.0,
+        poor=12.0,
+        unit="um per 500 mm, largest deviation from the end-point line",
+        mark="RECALLED",
         source="general knowledge",
     ),
     "straightness": Figure(
-        good=1.5, ordinary=4.0, poor=10.0, unit="um per 500 mm, largest deviation from the end-point line", mark="RECALLED",
+        good=1.5,
+        ordinary=4.0,
+        poor=10.0,
+        unit="um per 500 mm, largest deviation from the end-point line",
+        mark="RECALLED",
         source="general knowledge",
     ),
     "growth": Figure(
-        good=2.0, ordinary=10.0, poor=30.0, unit="um per 500 mm in the first hour", mark="RECALLED",
+        good=2.0,
+        ordinary=10.0,
+        poor=30.0,
+        unit="um per 500 mm in the first hour",
+        mark="RECALLED",
         source=(
-            "ISO 230-3 is the test; a part that was machined twice by a screw without a scale differed by 44 um (READ: "
+            "ISO 230-3 is the test; a part that was machined twice by a screw without a scale "
+            "differed by 44 um (READ: "
             "prodbyog.com on HEIDENHAIN), but a survey moves less than machining does"
         ),
     ),
     "setup_c": Figure(
-        good=0.03, ordinary=0.15, poor=0.5, unit="C, standard deviation of the material from setup to setup", mark="RECALLED",
+        good=0.03,
+        ordinary=0.15,
+        poor=0.5,
+        unit="C, standard deviation of the material from setup to setup",
+        mark="RECALLED",
         source="the product's own table of classes",
     ),
     "screw": Figure(
-        good=1.0, ordinary=1.7, poor=3.0, unit="um, amplitude of the periodic error of a screw", mark="RECALLED",
+        good=1.0,
+        ordinary=1.7,
+        poor=3.0,
+        unit="um, amplitude of the periodic error of a screw",
+        mark="RECALLED",
         source="general knowledge",
     ),
     "periodic_scale": Figure(
-        good=0.1, ordinary=0.2, poor=0.3, unit="um, amplitude of the periodic error of a glass scale", mark="READ",
-        source="at most about 1 % of the signal period, 0.2 um of 20 um (READ: HEIDENHAIN, Exposed Linear Encoders)",
+        good=0.1,
+        ordinary=0.2,
+        poor=0.3,
+        unit="um, amplitude of the periodic error of a glass scale",
+        mark="READ",
+        source="at most about 1 % of the signal period, 0.2 um of 20 um (READ: HEIDENHAIN, "
+        "Exposed Linear Encoders)",
     ),
     "screw_feedback": Figure(
-        good=0.2, ordinary=0.7, poor=0.9, unit="share of machines with ball screw and rotary encoder", mark="RECALLED",
+        good=0.2,
+        ordinary=0.7,
+        poor=0.9,
+        unit="share of machines with ball screw and rotary encoder",
+        mark="RECALLED",
         source="general knowledge",
     ),
-}  # fmt: skip
+}
 """The sizes of ordinary machines."""
 
 LARGEST_ANGLE_URAD = 90.0
@@ -124,7 +179,8 @@ SPREAD = 0.35
 SPREAD_AMONG_AXES = 0.2
 """The same among the axes and functions of one machine (CHOSEN)."""
 EXPANSION_UM_M_C = {"screw": 11.7, "scale": 10.0}
-"""Expansion of a steel screw, and of a glass or steel-tape scale as fastened to cast iron (RECALLED)."""
+"""Expansion of a steel screw, and of a glass or steel-tape scale as fastened to cast iron
+(RECALLED)."""
 SCALE_GROWTH = 0.3
 """Share of the growth that remains with a scale: the scale measures the screw's own growth
 (CHOSEN).
@@ -148,8 +204,11 @@ class OrdinaryMachine:
     warm: bool
 
 
-def draw_machine(rng: np.random.Generator, *, large: bool = False, quality: Quality | None = None) -> OrdinaryMachine:
-    """Draw a machine; ``large`` draws axes of 1 to 4 m, ``quality`` states the class instead of drawing it."""
+def draw_machine(
+    rng: np.random.Generator, *, large: bool = False, quality: Quality | None = None
+) -> OrdinaryMachine:
+    """Draw a machine; ``large`` draws axes of 1 to 4 m, ``quality`` states the class instead of
+    drawing it."""
     chosen = quality or QUALITIES[int(rng.choice(3, p=SHARES))]
     size_mm = _draw_size(rng, large=large)
     feedback: Feedback = "screw" if rng.random() < FIGURES["screw_feedback"].of(chosen) else "scale"
@@ -162,11 +221,19 @@ def draw_machine(rng: np.random.Generator, *, large: bool = False, quality: Qual
         environment=Environment(material_c=Course(start=float(rng.normal(20.0, 1.5)))),
     )
     low, high = REPEATABILITY_UM
-    repeats = np.clip(_spread(rng, "repeatability", chosen) * np.exp(rng.normal(scale=SPREAD_AMONG_AXES, size=3)), low, high)
+    repeats = np.clip(
+        _spread(rng, "repeatability", chosen) * np.exp(rng.normal(scale=SPREAD_AMONG_AXES, size=3)),
+        low,
+        high,
+    )
     return OrdinaryMachine(
-        quality=chosen, feedback=feedback, machine=machine, repeatability_um=_three(repeats),
-        setup_c=FIGURES["setup_c"].of(chosen), warm=warm,
-    )  # fmt: skip
+        quality=chosen,
+        feedback=feedback,
+        machine=machine,
+        repeatability_um=_three(repeats),
+        setup_c=FIGURES["setup_c"].of(chosen),
+        warm=warm,
+    )
 
 
 def _three(values: np.ndarray) -> Three:
@@ -187,48 +254,74 @@ def _draw_size(rng: np.random.Generator, *, large: bool) -> Three:
     return _three(np.round(size / step) * step)
 
 
-def _draw_errors(rng: np.random.Generator, quality: Quality, feedback: Feedback, size_mm: Three) -> ErrorSet:
+def _draw_errors(
+    rng: np.random.Generator, quality: Quality, feedback: Feedback, size_mm: Three
+) -> ErrorSet:
     low: Three = (0.0, 0.0, 0.0)
     functions: dict[str, ErrorFunction] = {}
-    size = {name: _spread(rng, name, quality) for name in ("positioning", "straightness", "angle", "scale", "squareness", "reversal")}
+    size = {
+        name: _spread(rng, name, quality)
+        for name in ("positioning", "straightness", "angle", "scale", "squareness", "reversal")
+    }
     for name in (*DISPLACEMENTS, *ROTATIONS):
         functions[name] = _draw_function(rng, name, size, size_mm[AXES.index(name[2])])
     for letter in AXES:
         name = f"E{letter}{letter}"
         functions[name] = _draw_periodic(rng, functions[name], quality, feedback)
-    lost = np.clip(size["reversal"] * np.exp(rng.normal(scale=SPREAD_AMONG_AXES, size=3)), *REVERSAL_UM)
+    lost = np.clip(
+        size["reversal"] * np.exp(rng.normal(scale=SPREAD_AMONG_AXES, size=3)), *REVERSAL_UM
+    )
     return ErrorSet(
         low_mm=low,
         size_mm=size_mm,
         functions=functions,
         squareness_urad={name: float(rng.normal(scale=size["squareness"])) for name in SQUARENESS},
-        reversal={f"E{letter}{letter}": Table((0.0,), (-float(lost[axis]),)) for axis, letter in enumerate(AXES)},
+        reversal={
+            f"E{letter}{letter}": Table((0.0,), (-float(lost[axis]),))
+            for axis, letter in enumerate(AXES)
+        },
     )
 
 
-def _draw_function(rng: np.random.Generator, name: str, size: dict[str, float], length_mm: float) -> Smooth:
-    """Draw one of the 18 functions; what is in um grows with the travel, what is in urad does not."""
+def _draw_function(
+    rng: np.random.Generator, name: str, size: dict[str, float], length_mm: float
+) -> Smooth:
+    """Draw one of the 18 functions; what is in um grows with the travel, what is in urad does
+    not."""
     own = float(np.exp(rng.normal(scale=SPREAD_AMONG_AXES)))
     if name in ROTATIONS:
         range_urad = min(size["angle"] * own, LARGEST_ANGLE_URAD)
         drawn = smooth(rng, 0.0, length_mm, 1.0, float(rng.uniform(-1.0, 1.0)))
         wide = float(np.ptp(drawn(np.linspace(0.0, length_mm, 501))))
         factor = range_urad / wide
-        return Smooth(0.0, length_mm, tuple(factor * one for one in drawn.amplitudes), factor * drawn.slope_per_mm)
+        return Smooth(
+            0.0,
+            length_mm,
+            tuple(factor * one for one in drawn.amplitudes),
+            factor * drawn.slope_per_mm,
+        )
     positioning = name[1] == name[2]
     peak_um = size["positioning" if positioning else "straightness"] * own * length_mm / 500.0
     rise_um = float(rng.normal(scale=size["scale"])) * length_mm * 1e-3 if positioning else 0.0
     return smooth(rng, 0.0, length_mm, peak_um, rise_um)
 
 
-def _draw_periodic(rng: np.random.Generator, base: ErrorFunction, quality: Quality, feedback: Feedback) -> Waved:
-    """Put the periodic error of a screw (once or twice a turn), or of a scale (once a signal period), on a positioning function."""
-    size_um = float(FIGURES["screw" if feedback == "screw" else "periodic_scale"].of(quality) * np.exp(rng.normal(scale=SPREAD_AMONG_AXES)))
+def _draw_periodic(
+    rng: np.random.Generator, base: ErrorFunction, quality: Quality, feedback: Feedback
+) -> Waved:
+    """Put the periodic error of a screw (once or twice a turn), or of a scale (once a signal
+    period), on a positioning function."""
+    size_um = float(
+        FIGURES["screw" if feedback == "screw" else "periodic_scale"].of(quality)
+        * np.exp(rng.normal(scale=SPREAD_AMONG_AXES))
+    )
     period_mm = PITCH_MM / int(rng.integers(1, 3)) if feedback == "screw" else SCALE_PERIOD_MM
     return Waved(base, size_um, period_mm, float(rng.uniform(0.0, 2.0 * np.pi)))
 
 
-def _draw_growth(rng: np.random.Generator, quality: Quality, feedback: Feedback, size_mm: Three, *, warm: bool) -> Growth:
+def _draw_growth(
+    rng: np.random.Generator, quality: Quality, feedback: Feedback, size_mm: Three, *, warm: bool
+) -> Growth:
     """Draw the growth of the axes; the fixed bearing of each stands 50 to 150 mm beyond an end of
     the travel.
     """

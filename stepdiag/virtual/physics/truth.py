@@ -1,10 +1,18 @@
-"""The ground truth in the form of a result: 21 errors with ISO 230-1 names and signs (contract 1)."""
+"""The ground truth in the form of a result: 21 errors with ISO 230-1 names and signs (contract
+1)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.virtual.physics.error_functions import AXES, DISPLACEMENTS, ROTATIONS, Array, ErrorSet, zero
+from stepdiag.virtual.physics.error_functions import (
+    AXES,
+    DISPLACEMENTS,
+    ROTATIONS,
+    Array,
+    ErrorSet,
+    zero,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +33,10 @@ class Truth:
 
 def truth(errors: ErrorSet, increments: int) -> Truth:
     """Return the mean (direction-free) errors at ``increments`` + 1 nodes of each axis."""
-    position_mm = {letter: errors.low_mm[axis] + np.linspace(0.0, errors.size_mm[axis], increments + 1) for axis, letter in enumerate(AXES)}
+    position_mm = {
+        letter: errors.low_mm[axis] + np.linspace(0.0, errors.size_mm[axis], increments + 1)
+        for axis, letter in enumerate(AXES)
+    }
     values: dict[str, Array] = {}
     slope_um_m: dict[str, float] = {}
     for name in (*DISPLACEMENTS, *ROTATIONS):
@@ -34,7 +45,9 @@ def truth(errors: ErrorSet, increments: int) -> Truth:
         value = value - value[0]
         slope_um_m[name] = float(value[-1] / (nodes[-1] - nodes[0]) * 1e3)
         straightness = name in DISPLACEMENTS and name[1] != name[2]
-        values[name] = value - slope_um_m[name] * 1e-3 * (nodes - nodes[0]) if straightness else value
+        values[name] = (
+            value - slope_um_m[name] * 1e-3 * (nodes - nodes[0]) if straightness else value
+        )
     return Truth(
         position_mm=position_mm,
         errors=values,
@@ -46,8 +59,8 @@ def truth(errors: ErrorSet, increments: int) -> Truth:
 def _squareness(errors: ErrorSet, slope_um_m: dict[str, float]) -> dict[str, float]:
     """Return the angles between the end-point lines of the axes.
 
-    The cosine between X = (1, EYX', EZX') and Y = (EXY', 1, EZY') is EYX' + EXY'; with Y = (-C0Y, 1, 0) it is -C0Y. In the
-    same way the cosine of Z and X is +B0Z and that of Z and Y is -A0Z.
+    The cosine between X = (1, EYX', EZX') and Y = (EXY', 1, EZY') is EYX' + EXY'; with Y = (-C0Y,
+    1, 0) it is -C0Y. In the same way the cosine of Z and X is +B0Z and that of Z and Y is -A0Z.
     """
     given = errors.squareness_urad
     return {

@@ -18,7 +18,14 @@ GONE_S = 1.0
 """A master that has not looked for this long is not waited for."""
 _REMEMBERED = 20_000
 """Looks: more than any dwell of a patient machine is long."""
-_BLINDING: tuple[FaultKind, ...] = ("plc-silent", "plc-late", "plc-exception", "plc-frozen", "plc-reboot", "stop-flicker")
+_BLINDING: tuple[FaultKind, ...] = (
+    "plc-silent",
+    "plc-late",
+    "plc-exception",
+    "plc-frozen",
+    "plc-reboot",
+    "stop-flicker",
+)
 
 
 class Attention:
@@ -43,7 +50,11 @@ class Attention:
         """
         with self._lock:
             there = bool(self._looks_s) and wall_s - self._looks_s[-1] < GONE_S
-            looks_s = [*takewhile(lambda each: each >= from_s, reversed(self._looks_s))][::-1] if there else []
+            looks_s = (
+                [*takewhile(lambda each: each >= from_s, reversed(self._looks_s))][::-1]
+                if there
+                else []
+            )
         anew = [later for before, later in pairwise(looks_s) if later - before > BREAK_S]
         first_s = [*looks_s[:1], *anew][-1:]
         seen_s = looks_s[-1] - first_s[0] if looks_s else 0.0

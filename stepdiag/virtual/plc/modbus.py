@@ -1,7 +1,8 @@
-"""A Modbus slave written from the specification (Modbus Application Protocol V1.1b3; Serial Line V1.02).
+"""A Modbus slave written from the specification (Modbus Application Protocol V1.1b3; Serial Line
+V1.02).
 
-It is our own on purpose: the client side uses a library, and a slave of the same library would share its mistakes; and a
-slave must be able to answer late and in order, as a real PLC does.
+It is our own on purpose: the client side uses a library, and a slave of the same library would
+share its mistakes; and a slave must be able to answer late and in order, as a real PLC does.
 """
 
 import struct
@@ -26,7 +27,8 @@ class Memory(Protocol):
     """The memory of a slave. Both methods raise `ModbusError`."""
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
-        """Return registers (0..65535) of ``holding`` or ``input``, bits (0, 1) of ``coil`` or ``discrete``."""
+        """Return registers (0..65535) of ``holding`` or ``input``, bits (0, 1) of ``coil`` or
+        ``discrete``."""
         ...
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
@@ -35,7 +37,8 @@ class Memory(Protocol):
 
 
 def respond(memory: Memory, request: bytes) -> bytes:
-    """Return the response PDU to a request PDU (function code and data, without unit and checksum)."""
+    """Return the response PDU to a request PDU (function code and data, without unit and
+    checksum)."""
     function = request[0]
     try:
         return bytes([function]) + _execute(memory, function, request[1:])
@@ -100,7 +103,8 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 def checksum(frame: bytes) -> bytes:
-    """Return the CRC-16 of an RTU frame as it is sent, low byte first (polynomial A001h, start FFFFh)."""
+    """Return the CRC-16 of an RTU frame as it is sent, low byte first (polynomial A001h, start
+    FFFFh)."""
     register = 0xFFFF
     for byte in frame:
         register ^= byte

@@ -23,7 +23,9 @@ _HEADER = struct.Struct(">HHHB")
 class Slave:
     """The PLC as the wire sees it: answering, silent, late or off."""
 
-    def __init__(self, plc: Plc, *, unit: int, clock: Clock, faults: FaultBoard, attention: Attention) -> None:
+    def __init__(
+        self, plc: Plc, *, unit: int, clock: Clock, faults: FaultBoard, attention: Attention
+    ) -> None:
         self.unit = unit
         self._plc = plc
         self._clock = clock
@@ -42,7 +44,8 @@ class Slave:
         return now is not None
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response PDU to a request PDU, maybe late, or None where it is not answered."""
+        """Return the response PDU to a request PDU, maybe late, or None where it is not
+        answered."""
         now = self._clock.wall_s()
         self._attention.looked(now)
         if self._faults.active("plc-silent", now):
@@ -53,7 +56,8 @@ class Slave:
 
 
 class TcpSlave:
-    """Modbus TCP on loopback: any number of connections, served by one thread as a PLC cycle does."""
+    """Modbus TCP on loopback: any number of connections, served by one thread as a PLC cycle
+    does."""
 
     def __init__(self, slave: Slave, *, host: str = "127.0.0.1", port: int = 0) -> None:
         self._slave = slave
@@ -143,7 +147,9 @@ class TcpSlave:
             else:
                 response = self._slave.answer(request)
             if response is not None:
-                stream.sendall(_HEADER.pack(transaction, protocol, len(response) + 1, unit) + response)
+                stream.sendall(
+                    _HEADER.pack(transaction, protocol, len(response) + 1, unit) + response
+                )
         return received
 
 

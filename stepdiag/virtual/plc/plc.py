@@ -1,4 +1,5 @@
-"""The PLC of the virtual machine: the contract's register block (contract 2), encoded here from its table alone."""
+"""The PLC of the virtual machine: the contract's register block (contract 2), encoded here from its
+table alone."""
 
 import struct
 import threading
@@ -16,7 +17,12 @@ from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.plc.modbus import ILLEGAL_ADDRESS, ModbusError
 
 CAPTURED_REGISTER = 100
-_BYTE_ORDERS = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1), "BADC": (1, 0, 3, 2), "DCBA": (3, 2, 1, 0)}
+_BYTE_ORDERS = {
+    "ABCD": (0, 1, 2, 3),
+    "CDAB": (2, 3, 0, 1),
+    "BADC": (1, 0, 3, 2),
+    "DCBA": (3, 2, 1, 0),
+}
 _HEARTBEAT_S = 0.4
 _STOPPED, _RUNNING, _ALARM = 1, 2, 4
 
@@ -24,10 +30,11 @@ _STOPPED, _RUNNING, _ALARM = 1, 2, 4
 class Plc:
     """The registers as a master reads them at a moment.
 
-    The image is made new every ``scan_s``: a change in the control is seen up to that much later, counter and position ``lag_s`` later.
-    ``order`` is the byte order of the 32-bit positions, ``base`` the address of the block, ``registers`` what the positions are: commanded
-    or actual ones, whose scatter ``seed`` draws anew for each scan. Coils and discrete inputs 0 to 2 repeat the
-    bits of the state word.
+    The image is made new every ``scan_s``: a change in the control is seen up to that much later,
+    counter and position ``lag_s`` later. ``order`` is the byte order of the 32-bit positions,
+    ``base`` the address of the block, ``registers`` what the positions are: commanded or actual
+    ones, whose scatter ``seed`` draws anew for each scan. Coils and discrete inputs 0 to 2 repeat
+    the bits of the state word.
     """
 
     def __init__(  # noqa: PLR0913 - one argument a property of the PLC
@@ -67,7 +74,9 @@ class Plc:
         """
         with self._lock:
             if not counts_on:
-                self._counted_before_reboot = self._player.advance(self._clock.machine_s()).stop_count
+                self._counted_before_reboot = self._player.advance(
+                    self._clock.machine_s()
+                ).stop_count
             self._captured = 0
             self._player.forget_captured()
 
@@ -92,7 +101,9 @@ class Plc:
             raise ModbusError(ILLEGAL_ADDRESS)
         with self._lock:
             self._captured = values[0]
-            self._player.capture((values[0] + self._counted_before_reboot) % 65536, self._clock.machine_s())
+            self._player.capture(
+                (values[0] + self._counted_before_reboot) % 65536, self._clock.machine_s()
+            )
 
     def _image(self) -> list[int]:
         wall_s = self._clock.wall_s()
@@ -107,9 +118,15 @@ class Plc:
         machine_s = scanned_s * self._clock.scale
         segment = self._player.advance(machine_s)
         step = segment.step
-        stopped = step.kind == "dwell" and step.signalled and not self._faults.active("stop-flicker", scanned_s)
+        stopped = (
+            step.kind == "dwell"
+            and step.signalled
+            and not self._faults.active("stop-flicker", scanned_s)
+        )
         alarm = step.alarm or self._faults.active("plc-alarm", scanned_s) is not None
-        state = _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * alarm
+        state = (
+            _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * alarm
+        )
         if self._lag_s:
             machine_s -= self._lag_s * self._clock.scale
             segment = self._player.span(machine_s, machine_s)[0]

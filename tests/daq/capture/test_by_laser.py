@@ -1,4 +1,5 @@
-"""A machine without signals, by events: stops are named by the geometry, and what the laser cannot tell is said."""
+"""A machine without signals, by events: stops are named by the geometry, and what the laser cannot
+tell is said."""
 
 import struct
 
@@ -47,7 +48,9 @@ class Bench:
         breaks = hint.pop("breaks", ())
         start = CaptureStart(hints={"ppp": PassHint(**hint)}, breaks=breaks)
         self.by_laser = ByLaser(self.survey, start, self.laser)
-        self.out, self.back = (make_route(self.survey.volume, "ppp", "xyz", outward=way) for way in (True, False))
+        self.out, self.back = (
+            make_route(self.survey.volume, "ppp", "xyz", outward=way) for way in (True, False)
+        )
         self.count, self.level, self.dwells, self.said = 0, 0.0, [], []
         self.watched = True
 
@@ -217,7 +220,8 @@ def test_a_count_lost_after_the_last_stop_is_of_no_matter():
     ],
 )
 def test_a_plateau_too_short_for_a_stop_is_none(change, short_s, long_s):
-    """It lasts half a dwell at least, and for the time that a machine settles and a window takes."""
+    """It lasts half a dwell at least, and for the time that a machine settles and a window
+    takes."""
     for seconds, wanted in ((short_s, [0, 1, 3]), (long_s, [0, 1, 2, 3])):
         bench = Bench(SURVEY.replace(*change))
         for stop in range(4):
@@ -261,9 +265,19 @@ def telegram(index, readings):
 
 
 def test_the_marker_of_a_qudis_tells_the_standstills_and_counts_them():
-    """The relay closes half a second after the machine stands: only from then on it counts, and a hold without the relay not."""
-    text = SURVEY.replace('format = "line"', 'format = "qudis"').replace("[laser.line]", "[laser.qudis]\naverage = 8\nmarker = true")
-    survey = parse_survey("\n".join(line for line in text.splitlines() if not line.startswith(("pattern", "counter", "rate"))), "survey")
+    """The relay closes half a second after the machine stands: only from then on it counts, and a
+    hold without the relay not."""
+    text = SURVEY.replace('format = "line"', 'format = "qudis"').replace(
+        "[laser.line]", "[laser.qudis]\naverage = 8\nmarker = true"
+    )
+    survey = parse_survey(
+        "\n".join(
+            line
+            for line in text.splitlines()
+            if not line.startswith(("pattern", "counter", "rate"))
+        ),
+        "survey",
+    )
     laser = StreamBuffer(laser_decoder(survey))
     by_laser = ByLaser(survey, CaptureStart(hints={"ppp": PassHint()}), laser)
     route = make_route(survey.volume, "ppp", "xyz", outward=True)
@@ -290,8 +304,17 @@ def test_the_marker_of_a_qudis_tells_the_standstills_and_counts_them():
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        (("[environment]\n", "[plc.signals.stopped]\naddress = 1\ntype = 'bit'\n[environment]\n"), "plc.signals"),
-        (("[environment]\n", "[plc.handshake]\nenabled = true\n[environment]\n"), "plc.handshake.enabled"),
+        (
+            (
+                "[environment]\n",
+                "[plc.signals.stopped]\naddress = 1\ntype = 'bit'\n[environment]\n",
+            ),
+            "plc.signals",
+        ),
+        (
+            ("[environment]\n", "[plc.handshake]\nenabled = true\n[environment]\n"),
+            "plc.handshake.enabled",
+        ),
         (('source = "fixed"', 'source = "plc"'), "environment.source"),
     ],
 )

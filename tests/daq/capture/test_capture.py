@@ -1,4 +1,5 @@
-"""The synchroniser on whole passes: every stop right, or named as doubtful, or asked for again; never silently wrong."""
+"""The synchroniser on whole passes: every stop right, or named as doubtful, or asked for again;
+never silently wrong."""
 
 import sys
 from dataclasses import replace
@@ -37,16 +38,26 @@ def assert_right(stops, truth, *, within_um=0.6):
     """Every stop reads what the machine truly did, relative to the first."""
     assert [stop.stop for stop in stops] == list(range(len(truth)))
     for stop, true in zip(stops, truth, strict=True):
-        assert abs((stop.reading_mm - stops[0].reading_mm) - (true.reading - truth[0].reading)) * 1e3 < within_um
+        assert (
+            abs((stop.reading_mm - stops[0].reading_mm) - (true.reading - truth[0].reading)) * 1e3
+            < within_um
+        )
         assert stop.position_mm == pytest.approx(true.position, abs=1e-4)
 
 
 @few(4)
-@given(seed=st.integers(0, 10_000), setup=st.sampled_from(["ppp", "npp", "pnp", "ppn"]), signals=st.sampled_from(["", STOPPED_ONLY]))
+@given(
+    seed=st.integers(0, 10_000),
+    setup=st.sampled_from(["ppp", "npp", "pnp", "ppn"]),
+    signals=st.sampled_from(["", STOPPED_ONLY]),
+)
 def test_a_clean_pass_is_captured_whole(seed, setup, signals):
-    """Seven stops in order, each within its noise, over the wrap of the stop counter; with `stopped` alone as well."""
+    """Seven stops in order, each within its noise, over the wrap of the stop counter; with
+    `stopped` alone as well."""
     truth = diagonal(setup, n=2)
-    stops, codes, ends = run(Timeline(truth, seed=seed).events(), text=survey_text(setups=(setup,), signals=signals, n=2))
+    stops, codes, ends = run(
+        Timeline(truth, seed=seed).events(), text=survey_text(setups=(setup,), signals=signals, n=2)
+    )
     assert_right(stops, truth)
     assert codes == (["signals-absent", "signals-absent"] if signals else [])
     assert [end.kind for end in ends] == ["complete"]
@@ -56,7 +67,8 @@ def test_a_clean_pass_is_captured_whole(seed, setup, signals):
 @few(4)
 @given(seed=st.integers(0, 1000), cuts=st.integers(0, 1000))
 def test_the_result_does_not_depend_on_how_the_bytes_were_cut(seed, cuts):
-    """The same bytes in other chunks with the same last arrival give the same stops to the last bit."""
+    """The same bytes in other chunks with the same last arrival give the same stops to the last
+    bit."""
     events, text = Timeline(diagonal("ppp", n=1), seed=seed).events(), survey_text(n=1)
     whole, _, _ = run(events, text=text)
     assert len(whole) == 4
@@ -64,19 +76,32 @@ def test_the_result_does_not_depend_on_how_the_bytes_were_cut(seed, cuts):
     for event in events:
         if isinstance(event, Chunk) and knife.random() < 0.5:
             at = knife.randint(0, len(event.data))
-            cut += [msgspec.structs.replace(event, data=part) for part in (event.data[:at], event.data[at:])]
+            cut += [
+                msgspec.structs.replace(event, data=part)
+                for part in (event.data[:at], event.data[at:])
+            ]
         else:
             cut.append(event)
     again, _, _ = run(cut, text=text)
-    assert [(s.stop, s.window_from_ns, s.window_to_ns) for s in again] == [(s.stop, s.window_from_ns, s.window_to_ns) for s in whole]
+    assert [(s.stop, s.window_from_ns, s.window_to_ns) for s in again] == [
+        (s.stop, s.window_from_ns, s.window_to_ns) for s in whole
+    ]
     assert [s.reading_mm for s in again] == pytest.approx([s.reading_mm for s in whole], abs=1e-4)
 
 
 def babbled(timeline, moment):
-    """Return the events of a timeline with bytes on the laser's line that no instrument sends, at the moment of a chunk."""
+    """Return the events of a timeline with bytes on the laser's line that no instrument sends, at
+    the moment of a chunk."""
     events = timeline.events()
-    chunk = next(each for each in events if isinstance(each, Chunk) and each.arrival_ns > moment * 1e9)
-    return [msgspec.structs.replace(each, data=b"what is that\r\n" + each.data) if each is chunk else each for each in events]
+    chunk = next(
+        each for each in events if isinstance(each, Chunk) and each.arrival_ns > moment * 1e9
+    )
+    return [
+        msgspec.structs.replace(each, data=b"what is that\r\n" + each.data)
+        if each is chunk
+        else each
+        for each in events
+    ]
 
 
 def test_what_a_stream_remarks_is_said_within_a_second():
@@ -93,34 +118,60 @@ def test_what_a_stream_remarks_last_is_said_with_the_end():
     survey = parse_survey(survey_text(), "survey.toml")
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
     timeline = Timeline(diagonal("ppp")[:1], lead_s=4.0)
-    assert not [outcome for event in babbled(timeline, 1.3) if arrival(event) < 1.35e9 for outcome in capture.feed(event)]
+    assert not [
+        outcome
+        for event in babbled(timeline, 1.3)
+        if arrival(event) < 1.35e9
+        for outcome in capture.feed(event)
+    ]
     assert [outcome.code for outcome in capture.finish()] == ["bytes-garbled"]
     timeline = Timeline(diagonal("ppp")[:2])
     left_s = timeline.schedule()[-1][1] + 0.3
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
-    outcomes = [outcome for event in babbled(timeline, left_s - 0.02) for outcome in capture.feed(event)]
+    outcomes = [
+        outcome for event in babbled(timeline, left_s - 0.02) for outcome in capture.feed(event)
+    ]
     assert [type(outcome) for outcome in outcomes] == [CapturedStop, CapturedStop, Finding, Ended]
 
 
 def test_what_a_stream_remarks_comes_before_what_was_lost_after_it():
     survey = parse_survey(survey_text(), "survey.toml")
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
-    events = [event for event in babbled(Timeline(diagonal("ppp")[:1], lead_s=4.0), 1.3) if arrival(event) < 1.35e9]
+    events = [
+        event
+        for event in babbled(Timeline(diagonal("ppp")[:1], lead_s=4.0), 1.3)
+        if arrival(event) < 1.35e9
+    ]
     loss = Loss(1_350_000_000, 5, 60, "the disk is full")
-    assert [outcome.code for event in (*events, loss) for outcome in capture.feed(event)] == ["bytes-garbled", "recording-gap"]
+    assert [outcome.code for event in (*events, loss) for outcome in capture.feed(event)] == [
+        "bytes-garbled",
+        "recording-gap",
+    ]
 
 
 @few(6)
-@given(away_ms=st.integers(50, 300), stop=st.integers(1, 9), lost=st.sampled_from(["link", "recording"]))
+@given(
+    away_ms=st.integers(50, 300),
+    stop=st.integers(1, 9),
+    lost=st.sampled_from(["link", "recording"]),
+)
 def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, stop, lost):
-    """The beam is cut for 10 ms meanwhile and 15 µm are gone: too little for the geometry, so the stop after it is named."""
+    """The beam is cut for 10 ms meanwhile and 15 µm are gone: too little for the geometry, so the
+    stop after it is named."""
     truth = diagonal("ppp")
     begins = Timeline(truth).schedule()[stop][0] - 0.45
     timeline = Timeline(truth, beam_lost=[(begins + 0.01, begins + 0.02)], lost_mm=0.015)
     begin_ns, end_ns = (int((begins + away_s) * 1e9) for away_s in (0.0, away_ms * 1e-3))
-    seen = [each for each in timeline.events() if not (isinstance(each, Chunk) and begin_ns <= arrival(each) < end_ns)]
+    seen = [
+        each
+        for each in timeline.events()
+        if not (isinstance(each, Chunk) and begin_ns <= arrival(each) < end_ns)
+    ]
     gone = {
-        "link": [LinkEvent(begin_ns, "laser", "lost", "gone"), LinkEvent(end_ns, "laser", "connected", "")],
+        "link": [
+            LinkEvent(begin_ns, "laser", "lost", "gone"),
+            LinkEvent(end_ns, "laser", "connected", ""),
+        ],
         "recording": [Loss(end_ns, 5, 60, "the disk is full")],
     }
     stops, codes, _ = run(sorted([*seen, *gone[lost]], key=arrival))
@@ -128,7 +179,9 @@ def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, 
     assert "laser-unwatched" in codes
     book = PassBook(parse_survey(survey_text(), "survey.toml"))
     book.add_all(stops)
-    assert [bool(book.passes[0].doubt(index)) for index in range(10)] == [index >= stop for index in range(10)]
+    assert [bool(book.passes[0].doubt(index)) for index in range(10)] == [
+        index >= stop for index in range(10)
+    ]
 
 
 DOWN = "the laser's link is down: no stop has a reading until it is back"
@@ -136,16 +189,25 @@ DOWN = "the laser's link is down: no stop has a reading until it is back"
 
 @pytest.mark.parametrize("before", [False, True], ids=["in the log", "before the log"])
 def test_a_link_that_is_down_is_named_once_in_place_of_every_stop_without_a_reading(before):
-    """Nobody dwells longer forty times because a plug is out. One finding an outage, also of one that the log does not hold."""
+    """Nobody dwells longer forty times because a plug is out. One finding an outage, also of one
+    that the log does not hold."""
     timeline = Timeline(diagonal("ppp"))
     away_ns, back_ns = (int(timeline.schedule()[at][0] * 1e9) + 100_000_000 for at in (0, 6))
-    events = [each for each in timeline.events() if not (isinstance(each, Chunk) and arrival(each) < back_ns)]
+    events = [
+        each
+        for each in timeline.events()
+        if not (isinstance(each, Chunk) and arrival(each) < back_ns)
+    ]
     events.append(LinkEvent(back_ns, "laser", "connected", ""))
     events += [] if before else [LinkEvent(away_ns, "laser", "lost", "gone")]
     survey = parse_survey(survey_text(), "survey.toml")
-    start = msgspec.structs.replace(PassBook(survey).start(skip_open_dwell=False), down=("laser",) if before else ())
+    start = msgspec.structs.replace(
+        PassBook(survey).start(skip_open_dwell=False), down=("laser",) if before else ()
+    )
     capture = Capture(survey, start)
-    found = [each for event in sorted(events, key=arrival) for each in capture.feed(event)] + capture.finish()
+    found = [
+        each for event in sorted(events, key=arrival) for each in capture.feed(event)
+    ] + capture.finish()
     said = [(each.code, each.text) for each in found if isinstance(each, Finding)]
     assert [code for code, text in said if DOWN in text] == ["samples-missing"]
     assert "stop-without-reading" not in [code for code, _ in said]
@@ -153,7 +215,8 @@ def test_a_link_that_is_down_is_named_once_in_place_of_every_stop_without_a_read
 
 
 def test_a_stop_without_a_reading_while_the_link_is_up_is_named_as_such():
-    """Samples out of range all through a dwell: that is the beam's matter, or the dwell's, and each stop is named."""
+    """Samples out of range all through a dwell: that is the beam's matter, or the dwell's, and each
+    stop is named."""
     truth = diagonal("ppp")
     begin, end = Timeline(truth).schedule()[4]
     timeline = Timeline(truth, beam_lost=[(begin - 0.1, end + 0.1)])
@@ -176,7 +239,9 @@ def test_only_standing_samples_are_used():
 @pytest.mark.parametrize("index", [3, 8])
 def test_a_stop_that_modbus_missed_is_recovered_and_marked(index, signals):
     truth = diagonal("npp")
-    stops, codes, ends = run(Timeline(skipped(truth, index)).events(), text=survey_text(setups=("npp",), signals=signals))
+    stops, codes, ends = run(
+        Timeline(skipped(truth, index)).events(), text=survey_text(setups=("npp",), signals=signals)
+    )
     assert_right(stops, truth)
     assert stops[index].recovered
     assert "plateau" in str(stops[index].why())
@@ -188,7 +253,9 @@ def test_a_stop_that_modbus_missed_is_recovered_and_marked(index, signals):
 def test_a_stop_that_nobody_saw_is_lost_by_name():
     """The machine drove past without standing: the counter went on, the laser shows no plateau."""
     truth = diagonal("ppp")
-    hurried = [replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4) for k, stop in enumerate(truth)]
+    hurried = [
+        replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4) for k, stop in enumerate(truth)
+    ]
     stops, codes, _ = run(Timeline(hurried).events())
     assert [stop.stop for stop in stops] == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert "stop-lost" in codes
@@ -216,7 +283,11 @@ def test_wrong_axis_order_is_named_by_position_and_without_it_by_the_step():
     truth = diagonal("ppp")
     place = (0.0, 200.0 / 3, 0.0)
     size = (300.0**2 + 200.0**2 + 100.0**2) ** 0.5
-    swapped = [truth[0], replace(truth[1], position=place, reading=200.0 / 3 * 200.0 / size), *truth[2:]]
+    swapped = [
+        truth[0],
+        replace(truth[1], position=place, reading=200.0 / 3 * 200.0 / size),
+        *truth[2:],
+    ]
     assert run(Timeline(swapped).events())[1] == ["wrong-axis-order"]
     stops, codes, _ = run(Timeline(swapped).events(), text=survey_text(signals=STOPPED_ONLY))
     assert codes.count("wrong-axis-order") == 1
@@ -227,7 +298,9 @@ def test_a_stop_counted_twice_is_measured_again_not_numbered_anew():
     truth = diagonal("ppp")
     doubled = [*truth[:5], replace(truth[4]), *truth[5:]]
     for signals in ("", STOPPED_ONLY):
-        stops, codes, ends = run(Timeline(doubled, move_s=0.3).events(), text=survey_text(signals=signals))
+        stops, codes, ends = run(
+            Timeline(doubled, move_s=0.3).events(), text=survey_text(signals=signals)
+        )
         assert [stop.stop for stop in stops] == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8, 9]
         assert {"stop-again", "no-move"} & set(codes) or signals
         assert ends[0].kind == "complete"
@@ -261,7 +334,8 @@ def assert_joined(each, truth, *, within_um=0.6):
 
 
 def test_beam_lost_in_a_dwell_is_measured_on_both_sides_and_costs_nothing():
-    """The machine stood all the while: the readings before and after tell by how much the count went wrong."""
+    """The machine stood all the while: the readings before and after tell by how much the count
+    went wrong."""
     truth = diagonal("ppp")
     timeline = Timeline([replace(stop, seconds=1.2) for stop in truth])
     begin, _ = timeline.schedule()[4]
@@ -290,11 +364,18 @@ def unseen(timeline, begin, end):
 
 
 def test_a_beam_lost_while_nobody_looked_is_doubted_from_there_on():
-    """The process was stopped during a move, and the beam was cut meanwhile: the data cannot tell, so the person is told."""
+    """The process was stopped during a move, and the beam was cut meanwhile: the data cannot tell,
+    so the person is told."""
     truth = [replace(stop, seconds=3.0) for stop in diagonal("ppp")]
     timeline = Timeline(truth)
     begin = timeline.schedule()[3][1] + 0.1
-    stops, codes, _ = run(unseen(replace(timeline, beam_lost=[(begin + 0.7, begin + 0.8)], lost_mm=0.05), begin, begin + 1.5))
+    stops, codes, _ = run(
+        unseen(
+            replace(timeline, beam_lost=[(begin + 0.7, begin + 0.8)], lost_mm=0.05),
+            begin,
+            begin + 1.5,
+        )
+    )
     assert codes == ["samples-missing", "laser-unwatched"]
     only = whole_of(stops)
     assert [stop.stop for stop in stops if stop.unwatched] == [4]
@@ -308,7 +389,9 @@ def test_a_beam_lost_while_nobody_looked_in_a_dwell_costs_nothing():
     truth = [replace(stop, seconds=3.0) for stop in diagonal("ppp")]
     timeline = Timeline(truth)
     begin = timeline.schedule()[4][0] + 0.8
-    stops, codes, _ = run(unseen(replace(timeline, beam_lost=[(begin + 0.3, begin + 0.4)]), begin, begin + 1.0))
+    stops, codes, _ = run(
+        unseen(replace(timeline, beam_lost=[(begin + 0.3, begin + 0.4)]), begin, begin + 1.0)
+    )
     assert "laser-unwatched" in codes
     only = whole_of(stops)
     assert_joined(only, truth)
@@ -316,19 +399,23 @@ def test_a_beam_lost_while_nobody_looked_in_a_dwell_costs_nothing():
 
 
 def test_a_loss_after_the_last_stop_of_a_log_counts_for_the_log_that_goes_on():
-    """The program is left in the middle, the beam is cut while nothing is recorded, the program goes on."""
+    """The program is left in the middle, the beam is cut while nothing is recorded, the program
+    goes on."""
     truth = diagonal("ppp")
     survey = parse_survey(survey_text(), "survey.toml")
     first = Timeline(truth[:5])
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
     departure = first.schedule()[4][1]
     outcomes = [
-        outcome for event in replace(first, beam_lost=[(departure + 0.1, departure + 0.2)]).events() for outcome in capture.feed(event)
+        outcome
+        for event in replace(first, beam_lost=[(departure + 0.1, departure + 0.2)]).events()
+        for outcome in capture.feed(event)
     ]
     book = PassBook(survey)
     book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
     stops, codes, _ = run(
-        Timeline(truth[5:], first_count=65535).events(), start=book.start(skip_open_dwell=False, breaks=capture.left_over())
+        Timeline(truth[5:], first_count=65535).events(),
+        start=book.start(skip_open_dwell=False, breaks=capture.left_over()),
     )
     assert codes[0] == "beam-lost"
     assert [stop.stop for stop in stops if stop.broken] == [5]
@@ -359,7 +446,9 @@ def test_a_program_left_in_the_middle_ends_the_pass():
 
 
 def test_an_unplanned_setup_is_refused_by_name_once():
-    stops, codes, _ = run(Timeline(diagonal("pnp")).events(), text=survey_text(setups=("ppp", "npp")))
+    stops, codes, _ = run(
+        Timeline(diagonal("pnp")).events(), text=survey_text(setups=("ppp", "npp"))
+    )
     assert stops == []
     assert codes == ["unplanned-setup"]
 
@@ -383,17 +472,27 @@ MOST_MODULES = 13
 
 
 def test_a_stop_that_nothing_disturbs_passes_few_modules():
-    """Twelve of the capture, one of the events; more decode its samples. The first stops are judged together, the last ends the pass."""
-    survey, root = parse_survey(survey_text(), "survey.toml"), Path(sys.modules[Capture.__module__].__file__).parents[2]
+    """Twelve of the capture, one of the events; more decode its samples. The first stops are judged
+    together, the last ends the pass."""
+    survey, root = (
+        parse_survey(survey_text(), "survey.toml"),
+        Path(sys.modules[Capture.__module__].__file__).parents[2],
+    )
     capture, made = Capture(survey, PassBook(survey).start(skip_open_dwell=False)), []
     for event in Timeline(diagonal("ppp")).events():
         passed = set()
-        sys.setprofile(lambda frame, what, _: passed.add(frame.f_code.co_filename) if what == "call" else None)  # noqa: B023
+        sys.setprofile(
+            lambda frame, what, _: passed.add(frame.f_code.co_filename) if what == "call" else None  # noqa: B023
+        )
         try:
             outcomes = capture.feed(event)
         finally:
             sys.setprofile(None)
-        own = [path for each in passed if (path := Path(each)).is_relative_to(root) and not DECODING & set(path.parts)]
+        own = [
+            path
+            for each in passed
+            if (path := Path(each)).is_relative_to(root) and not DECODING & set(path.parts)
+        ]
         made += [len(own) for each in outcomes if isinstance(each, CapturedStop)]
     assert len(made) == 10
     assert max(made[4:-1]) <= MOST_MODULES, made

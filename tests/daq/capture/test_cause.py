@@ -1,4 +1,5 @@
-"""One cause over a whole pass (rates: `python -m benchmarks.shops`): a few shops of each kind, from the bytes to the correction."""
+"""One cause over a whole pass (rates: `python -m benchmarks.shops`): a few shops of each kind, from
+the bytes to the correction."""
 
 from dataclasses import replace
 
@@ -8,7 +9,17 @@ from testkit.cli import stepdiag
 from testkit.exact.shops import CAUSES, corrected, draw, survey_of, surveyed
 
 KINDS = list(CAUSES)
-NAMED = ("sign", "permutation", "codes shifted", "axis order", "laser sign", "laser late", "plc late", "wavelength", "diameter")
+NAMED = (
+    "sign",
+    "permutation",
+    "codes shifted",
+    "axis order",
+    "laser sign",
+    "laser late",
+    "plc late",
+    "wavelength",
+    "diameter",
+)
 """What a pass shows."""
 SOLVED = ("air never", "air twice", "expansion twice", "other diagonal")
 """What the whole survey shows."""
@@ -21,7 +32,8 @@ def shop_of(cause, again=0, machine="all"):
 
 
 def corrected_in_place(shop, found, tmp_path):
-    """Correct the survey file beside the logs, which stay as they are; return what the command prints and the folder of the logs."""
+    """Correct the survey file beside the logs, which stay as they are; return what the command
+    prints and the folder of the logs."""
     place = tmp_path / "bench"
     place.mkdir()
     (tmp_path / "recorded" / "logs").rename(place / "0001")
@@ -32,26 +44,35 @@ def corrected_in_place(shop, found, tmp_path):
     assert told.code == 0, told.refusal
     assert {path.name: path.read_bytes() for path in (place / "0001").glob("*.mcap")} == logs
     assert stepdiag("correct", file, "--yes").out.startswith("nothing to correct")
-    assert f"corrected: {found.wanted} whole passes" in told.out or shop.expands  # which concerns the solver alone
+    assert (
+        f"corrected: {found.wanted} whole passes" in told.out or shop.expands
+    )  # which concerns the solver alone
     return place / "0001"
 
 
 @pytest.mark.parametrize("cause", NAMED)
 def test_one_wrong_line_is_named_once_and_corrected_without_driving_again(cause, tmp_path):
-    """The line is named by the fifth stop, after two standstills at which the file fails; nothing else is raised as an error; and the
-    corrected file finds every pass in the same logs.
+    """The line is named by the fifth stop, after two standstills at which the file fails; nothing
+    else is raised as an error; and the corrected file finds every pass in the same logs.
     """
     shop = shop_of(cause)
     found = surveyed(shop, tmp_path / "recorded", files=False)
-    errors = [(after, each) for after, each in zip(found.after, found.findings, strict=True) if each.severity == "error"]
-    assert [str(each.message.arguments["line"]).startswith(shop.line) for _, each in errors] == [True]
+    errors = [
+        (after, each)
+        for after, each in zip(found.after, found.findings, strict=True)
+        if each.severity == "error"
+    ]
+    assert [str(each.message.arguments["line"]).startswith(shop.line) for _, each in errors] == [
+        True
+    ]
     assert errors[0][0] <= 5
     corrected_in_place(shop, found, tmp_path)
 
 
 @pytest.mark.parametrize("cause", SOLVED)
 def test_what_the_survey_shows_is_named_before_a_file_is_written_and_corrected(cause, tmp_path):
-    """No table of the wrong file reaches a control; the tables of the corrected one leave a tenth of the machine's error."""
+    """No table of the wrong file reaches a control; the tables of the corrected one leave a tenth
+    of the machine's error."""
     shop = shop_of(cause, machine="stopped" if cause == "other diagonal" else "all")
     found = surveyed(shop, tmp_path / "recorded")
     assert found.passes == found.wanted
@@ -76,40 +97,62 @@ def test_diagonals_with_their_right_names_are_not_exchanged(again, tmp_path):
 def test_a_harmless_statement_has_no_cause(cause, machine, tmp_path):
     """Nothing is named, and nothing is held back for ever."""
     found = surveyed(shop_of(cause, machine=machine), tmp_path, files=False)
-    assert not [each for each in found.findings if each.severity != "info" and each.code != "signals-absent"]
+    assert not [
+        each for each in found.findings if each.severity != "info" and each.code != "signals-absent"
+    ]
     assert found.passes == found.wanted
 
 
 def test_two_orders_of_axes_that_make_the_same_steps_are_named_together(tmp_path):
     """Y and Z make the same step, and no register shows which of them moves."""
-    shop = replace(shop_of("axis order", machine="stopped"), size=(280.0, 180.0, 180.0), order="zyx", back=True)
+    shop = replace(
+        shop_of("axis order", machine="stopped"), size=(280.0, 180.0, 180.0), order="zyx", back=True
+    )
     found = surveyed(shop, tmp_path, files=False)
-    values = [each.message.arguments["value"] for each in found.findings if each.message is not None and "line" in each.message.arguments]
+    values = [
+        each.message.arguments["value"]
+        for each in found.findings
+        if each.message is not None and "line" in each.message.arguments
+    ]
     assert values == ['"yzx" or "zyx"']
 
 
 def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
     """760 mmHg is no pressure of 760 hPa where [environment] states sea level."""
-    shop = next(shop for number in range(50) if (shop := draw(KINDS.index("pressure") + len(KINDS) * number)).value == "mmHg")
+    shop = next(
+        shop
+        for number in range(50)
+        if (shop := draw(KINDS.index("pressure") + len(KINDS) * number)).value == "mmHg"
+    )
     found = surveyed(shop, tmp_path, files=False)
     (first, *_) = [each for each in found.findings if each.code == "conditions-held"]
     assert first.message.arguments["line"] == "plc.signals.air_pressure_hpa.scale"
     assert float(first.message.arguments["value"]) == pytest.approx(0.1333224, rel=1e-5)
 
 
-LONGER_Z = replace(shop_of("other box"), size=(300.0, 200.0, 150.0), driven_size=(300.0, 200.0, 300.0))
+LONGER_Z = replace(
+    shop_of("other box"), size=(300.0, 200.0, 150.0), driven_size=(300.0, 200.0, 300.0)
+)
 
 
-@pytest.mark.parametrize(("shop", "line"), [(draw(244), "plc.signals.z_mm.offset"), (LONGER_Z, "volume.size_mm")])
+@pytest.mark.parametrize(
+    ("shop", "line"), [(draw(244), "plc.signals.z_mm.offset"), (LONGER_Z, "volume.size_mm")]
+)
 def test_two_causes_that_fit_alike_are_separated_by_the_move_that_is_named(shop, line, tmp_path):
-    """A shifted Z may count the other way round, and a longer Z shortens the laser's steps along X and Y, until Z moves."""
+    """A shifted Z may count the other way round, and a longer Z shortens the laser's steps along X
+    and Y, until Z moves."""
     found = surveyed(shop, tmp_path, files=False)
     (after, alike), (then, named), *_ = [
         (after, each)
         for after, each in zip(found.after, found.findings, strict=True)
         if each.message is not None and "stops" in each.message.arguments
     ]
-    assert (after, alike.message.key, alike.message.arguments["axis"], alike.message.arguments["stop"]) == (
+    assert (
+        after,
+        alike.message.key,
+        alike.message.arguments["axis"],
+        alike.message.arguments["stop"],
+    ) == (
         3,
         "step-mismatch.alike",
         "Z",

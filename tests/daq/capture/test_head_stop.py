@@ -1,4 +1,5 @@
-"""Stops of a 4-DOF run: placed by the head's own stream, whatever the laser sees; blocked and saturated light is named."""
+"""Stops of a 4-DOF run: placed by the head's own stream, whatever the laser sees; blocked and
+saturated light is named."""
 
 import struct
 from dataclasses import dataclass, field
@@ -35,7 +36,8 @@ def stands(**changes):
 
 @dataclass
 class HeadLine:
-    """Frames of a head whose target stands at ``lateral_um`` (x, y) at each stop of the timeline, and swings in after each move."""
+    """Frames of a head whose target stands at ``lateral_um`` (x, y) at each stop of the timeline,
+    and swings in after each move."""
 
     timeline: Timeline
     lateral_um: list
@@ -51,7 +53,12 @@ class HeadLine:
         time = np.arange(0.0, self.timeline.duration, 1 / RATE_HZ)
         frames = [self.frame(k, t, rng) for k, t in enumerate(time)]
         return [
-            Chunk("head", int((time[min(k + 4, len(time) - 1)] + 0.002) * 1e9), b"".join(frames[k : k + 4])) for k in range(0, len(time), 4)
+            Chunk(
+                "head",
+                int((time[min(k + 4, len(time) - 1)] + 0.002) * 1e9),
+                b"".join(frames[k : k + 4]),
+            )
+            for k in range(0, len(time), 4)
         ]
 
     def frame(self, counter, t, rng):
@@ -72,9 +79,15 @@ class HeadLine:
 def run(events, survey_file):
     survey = parse_survey(survey_file, "survey.toml")
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
-    outcomes = [outcome for event in sorted(events, key=arrival) for outcome in capture.feed(event)] + capture.finish()
+    outcomes = [
+        outcome for event in sorted(events, key=arrival) for outcome in capture.feed(event)
+    ] + capture.finish()
     stops = [each for each in outcomes if isinstance(each, CapturedStop)]
-    return stops, [each for each in outcomes if isinstance(each, Finding)], [each for each in outcomes if isinstance(each, Ended)]
+    return (
+        stops,
+        [each for each in outcomes if isinstance(each, Finding)],
+        [each for each in outcomes if isinstance(each, Ended)],
+    )
 
 
 LATERAL = [(0.0, 0.0), (12.0, -7.0), (-30.0, 4.0), (55.0, 20.0)]
@@ -91,9 +104,13 @@ def assert_right(stops):
 @pytest.mark.parametrize("signals", ["", STOPPED_ONLY])
 def test_a_run_is_captured_without_any_laser(signals):
     timeline = Timeline(stands())
-    stops, findings, ends = run([*HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text(signals=signals))
+    stops, findings, ends = run(
+        [*HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text(signals=signals)
+    )
     assert_right(stops)
-    assert [each.code for each in findings] == (["signals-absent", "signals-absent"] if signals else [])
+    assert [each.code for each in findings] == (
+        ["signals-absent", "signals-absent"] if signals else []
+    )
     assert [end.kind for end in ends] == ["complete"]
     assert all(stop.reading_mm is None and not stop.broken and not stop.doubts for stop in stops)
 
@@ -103,12 +120,16 @@ def test_a_laser_along_the_axis_gives_the_distance_and_judges_nothing():
     timeline = Timeline(stands())
     cut = timeline.schedule()[1][1] + 0.1
     laser = Timeline(stands(), beam_lost=[(cut, cut + 0.1)]).laser()
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL).chunks(), *laser, *timeline.polls()], text())
+    stops, findings, _ = run(
+        [*HeadLine(timeline, LATERAL).chunks(), *laser, *timeline.polls()], text()
+    )
     assert_right(stops)
     assert findings == []
     assert stops[1].reading_mm - stops[0].reading_mm == pytest.approx(100.0 / 3, abs=1e-3)
     elsewhere = Timeline([Standstill(place, 0.0, 23) for place in HEAD_Z]).laser()
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL).chunks(), *elsewhere, *timeline.polls()], text())
+    stops, findings, _ = run(
+        [*HeadLine(timeline, LATERAL).chunks(), *elsewhere, *timeline.polls()], text()
+    )
     assert_right(stops)
     assert findings == []
 
@@ -116,9 +137,15 @@ def test_a_laser_along_the_axis_gives_the_distance_and_judges_nothing():
 def test_light_blocked_all_through_a_dwell_costs_the_stop_and_is_named():
     timeline = Timeline(stands())
     begin, end = timeline.schedule()[2]
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL, dark=[(begin - 0.1, end + 0.1)]).chunks(), *timeline.polls()], text())
+    stops, findings, _ = run(
+        [*HeadLine(timeline, LATERAL, dark=[(begin - 0.1, end + 0.1)]).chunks(), *timeline.polls()],
+        text(),
+    )
     assert [stop.stop for stop in stops] == [0, 1, 3]
-    assert [finding.code for finding in findings] == ["fourdof-beam-blocked", "stop-without-reading"]
+    assert [finding.code for finding in findings] == [
+        "fourdof-beam-blocked",
+        "stop-without-reading",
+    ]
     assert "fourdof-z out, stop 2 of 3" in findings[0].text
 
 
@@ -126,7 +153,9 @@ def test_light_blocked_between_the_stops_costs_nothing():
     """A quadrant detector does not count: there is nothing to lose on the way."""
     timeline = Timeline(stands())
     gap = timeline.schedule()[1][1] + 0.1
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL, dark=[(gap, gap + 0.2)]).chunks(), *timeline.polls()], text())
+    stops, findings, _ = run(
+        [*HeadLine(timeline, LATERAL, dark=[(gap, gap + 0.2)]).chunks(), *timeline.polls()], text()
+    )
     assert_right(stops)
     assert findings == []
 
@@ -134,7 +163,13 @@ def test_light_blocked_between_the_stops_costs_nothing():
 def test_light_blocked_for_a_moment_of_a_dwell_is_named_and_the_rest_used():
     timeline = Timeline(stands(seconds=1.5))
     begin, _ = timeline.schedule()[2]
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL, dark=[(begin + 0.3, begin + 0.4)]).chunks(), *timeline.polls()], text())
+    stops, findings, _ = run(
+        [
+            *HeadLine(timeline, LATERAL, dark=[(begin + 0.3, begin + 0.4)]).chunks(),
+            *timeline.polls(),
+        ],
+        text(),
+    )
     assert_right(stops)
     assert [finding.code for finding in findings] == ["fourdof-beam-blocked"]
     assert stops[2].window_from_ns * 1e-9 > begin + 0.4
@@ -143,14 +178,22 @@ def test_light_blocked_for_a_moment_of_a_dwell_is_named_and_the_rest_used():
 def test_saturation_is_named():
     timeline = Timeline(stands())
     begin, _ = timeline.schedule()[1]
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL, saturated=[(begin, begin + 0.3)]).chunks(), *timeline.polls()], text())
+    stops, findings, _ = run(
+        [
+            *HeadLine(timeline, LATERAL, saturated=[(begin, begin + 0.3)]).chunks(),
+            *timeline.polls(),
+        ],
+        text(),
+    )
     assert_right(stops)
     assert [finding.code for finding in findings] == ["fourdof-out-of-range"]
 
 
 def test_a_target_that_will_not_come_to_rest_is_doubtful():
     timeline = Timeline(stands())
-    stops, findings, _ = run([*HeadLine(timeline, LATERAL, noise_um=15.0).chunks(), *timeline.polls()], text())
+    stops, findings, _ = run(
+        [*HeadLine(timeline, LATERAL, noise_um=15.0).chunks(), *timeline.polls()], text()
+    )
     assert {finding.code for finding in findings} == {"stop-doubtful"}
     assert len(stops) == 4
     assert "scatter" in str(stops[0].why())
@@ -160,7 +203,9 @@ def test_the_way_back_makes_the_second_pass():
     timeline = Timeline([*stands(), *stands()[::-1]])
     survey = parse_survey(text(back=True), "survey.toml")
     book = PassBook(survey)
-    events = sorted([*HeadLine(timeline, [*LATERAL, *LATERAL[::-1]]).chunks(), *timeline.polls()], key=arrival)
+    events = sorted(
+        [*HeadLine(timeline, [*LATERAL, *LATERAL[::-1]]).chunks(), *timeline.polls()], key=arrival
+    )
     capture = Capture(survey, book.start(skip_open_dwell=False))
     for event in events:
         if capture.ended is not None:
@@ -174,7 +219,9 @@ def test_the_way_back_makes_the_second_pass():
 def test_garbage_from_the_head_is_named_once():
     timeline = Timeline(stands())
     noise = [Chunk("head", int(t * 1e9), b"\xf4\xd0 no frame" * 20) for t in (0.2, 0.4)]
-    stops, findings, _ = run([*noise, *HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text())
+    stops, findings, _ = run(
+        [*noise, *HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text()
+    )
     assert_right(stops)
     assert [finding.code for finding in findings] == ["bytes-garbled"]
 
@@ -184,6 +231,13 @@ def test_with_the_handshake_a_stop_is_taken_while_the_machine_still_waits():
     events = sorted([*HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], key=arrival)
     survey = parse_survey(text() + "[plc.handshake]\nenabled = true\n", "survey.toml")
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
-    taken = [(arrival(event) * 1e-9, each) for event in events for each in capture.feed(event) if isinstance(each, CapturedStop)]
+    taken = [
+        (arrival(event) * 1e-9, each)
+        for event in events
+        for each in capture.feed(event)
+        if isinstance(each, CapturedStop)
+    ]
     assert_right([stop for _, stop in taken])
-    assert all(when < begin + 1.5 for (when, _), (begin, _) in zip(taken, timeline.schedule(), strict=True))
+    assert all(
+        when < begin + 1.5 for (when, _), (begin, _) in zip(taken, timeline.schedule(), strict=True)
+    )

@@ -1,4 +1,5 @@
-"""Signals made of others: the language, its refusals, and its way from registers to a standstill."""
+"""Signals made of others: the language, its refusals, and its way from registers to a
+standstill."""
 
 from contextlib import suppress
 
@@ -22,9 +23,12 @@ def value(text, memory=None, **inputs):
 
 
 def spoken(depth=3):
-    """Return yes-or-no expressions whose words are those of Python, which then says what they are worth."""
+    """Return yes-or-no expressions whose words are those of Python, which then says what they are
+    worth."""
     number = st.sampled_from(["n", "m", "0", "1", "2.5", "-3"])
-    leaf = st.sampled_from(["a", "b"]) | st.tuples(number, st.sampled_from(["==", "!=", "<", "<=", ">", ">="]), number).map(" ".join)
+    leaf = st.sampled_from(["a", "b"]) | st.tuples(
+        number, st.sampled_from(["==", "!=", "<", "<=", ">", ">="]), number
+    ).map(" ".join)
     return st.recursive(
         leaf,
         lambda inner: (
@@ -59,7 +63,14 @@ def test_what_was_not_read_is_unknown_unless_it_does_not_matter(text, inputs, ex
 
 def test_a_latch_keeps_the_last_number_that_was_not_zero():
     memory = Memory()
-    assert [value("latch(n) == 7", memory, n=n) for n in (0, 7, 0, 0, 8, 0)] == [False, True, True, True, False, False]
+    assert [value("latch(n) == 7", memory, n=n) for n in (0, 7, 0, 0, 8, 0)] == [
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -109,11 +120,18 @@ def test_a_machine_without_a_stopped_bit_is_read_and_understood():
     plc = parse_survey(survey_text(signals=SIGNALS), "survey.toml").plc
     assert plc.signal_names == ("stopped", "stop_count")
     reads = plan_reads(plc.signals, plc.standing)
-    assert reads == (ReadRange("holding", 40, 1), ReadRange("holding", 50, 1), ReadRange("holding", 40, 1), ReadRange("holding", 50, 1))
+    assert reads == (
+        ReadRange("holding", 40, 1),
+        ReadRange("holding", 50, 1),
+        ReadRange("holding", 40, 1),
+        ReadRange("holding", 50, 1),
+    )
     decoder = SignalDecoder(plc.signals, plc.parsed())
 
     def polled(*words):
-        found = decoder.decode(ModbusBlock(0, 1, reads, tuple(word.to_bytes(2, "big") for word in words)))
+        found = decoder.decode(
+            ModbusBlock(0, 1, reads, tuple(word.to_bytes(2, "big") for word in words))
+        )
         return found.stopped, found.stop_count
 
     assert polled(0, 0, 0, 0) == (False, 0)
@@ -128,8 +146,16 @@ def test_a_machine_without_a_stopped_bit_is_read_and_understood():
         ('"mark > 0 and exact_x"', '"mark"', "plc.expressions.stopped: expected yes or no"),
         ('"latch(mark)"', '"mark > 2"', "plc.expressions.stop_count: expected a number"),
         ("stop_count =", "x_mm =", "plc.expressions"),
-        ("[plc.inputs.mark]", "[plc.inputs.stopped]", "plc.inputs.stopped: expected a name that is no signal's"),
-        ('stopped = "mark > 0 and exact_x"\n', "", "plc.signals: expected at least the signal stopped"),
+        (
+            "[plc.inputs.mark]",
+            "[plc.inputs.stopped]",
+            "plc.inputs.stopped: expected a name that is no signal's",
+        ),
+        (
+            'stopped = "mark > 0 and exact_x"\n',
+            "",
+            "plc.signals: expected at least the signal stopped",
+        ),
         ("bit = 3", "bit = 16", "plc.inputs.exact_x.bit"),
     ],
 )

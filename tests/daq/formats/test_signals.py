@@ -56,7 +56,10 @@ def test_contract_block_is_one_request_and_reads_as_written() -> None:
     assert signals.relative_humidity_percent == pytest.approx(50.0)
 
 
-@pytest.mark.parametrize(("order", "wire"), [("ABCD", "12345678"), ("CDAB", "56781234"), ("BADC", "34127856"), ("DCBA", "78563412")])
+@pytest.mark.parametrize(
+    ("order", "wire"),
+    [("ABCD", "12345678"), ("CDAB", "56781234"), ("BADC", "34127856"), ("DCBA", "78563412")],
+)
 def test_byte_orders_on_the_wire(order: str, wire: str) -> None:
     """0x12345678 with A the most significant byte; MELSEC sends CDAB (instruments.md 4.1)."""
     spec = SignalSpec(address=0, type="uint32", order=order)  # type: ignore[arg-type]
@@ -99,7 +102,10 @@ def test_scale_and_offset() -> None:
 def test_a_coil_is_found_in_its_byte(place: int) -> None:
     decoder = SignalDecoder({"stopped": SignalSpec(table="coil", address=100 + place, type="bit")})
     asked = (ReadRange("coil", 100, 24),)
-    alone, beside = ((1 << place).to_bytes(3, "little"), (0xFFFFFF ^ 1 << place).to_bytes(3, "little"))
+    alone, beside = (
+        (1 << place).to_bytes(3, "little"),
+        (0xFFFFFF ^ 1 << place).to_bytes(3, "little"),
+    )
     assert decoder.decode(ModbusBlock(1, 2, asked, (alone,))).stopped
     assert not decoder.decode(ModbusBlock(1, 2, asked, (beside,))).stopped
 
@@ -121,7 +127,10 @@ def test_bits_of_coils_registers_and_numbers() -> None:
 
 def test_a_refused_range_leaves_the_others_alone() -> None:
     """One illegal address must not lose the whole poll (acquisition.md B1)."""
-    signals = {"stopped": SignalSpec(address=2, type="bit"), "x_mm": SignalSpec(address=40, type="int32")}
+    signals = {
+        "stopped": SignalSpec(address=2, type="bit"),
+        "x_mm": SignalSpec(address=40, type="int32"),
+    }
     read = SignalDecoder(signals).decode(block(signals, b"\x00\x01", b"", b"\x00\x01"))
     assert read == Signals(stopped=True)
     assert read.commanded_mm is None
@@ -141,18 +150,31 @@ def test_requests_join_only_what_touches() -> None:
 
 
 def test_a_machine_that_leaves_between_two_requests_does_not_stand() -> None:
-    """Its position belongs to the move: read between a ``stopped`` that still stood and one that does not any more, or the other way."""
-    signals = {"x_mm": SignalSpec(address=40, type="int32"), "stopped": SignalSpec(table="discrete", address=7, type="bit")}
+    """Its position belongs to the move: read between a ``stopped`` that still stood and one that
+    does not any more, or the other way."""
+    signals = {
+        "x_mm": SignalSpec(address=40, type="int32"),
+        "stopped": SignalSpec(table="discrete", address=7, type="bit"),
+    }
     assert [asked.table for asked in plan_reads(signals)] == ["discrete", "holding", "discrete"]
     position = bytes.fromhex("00000064")
     decoder = SignalDecoder(signals)
-    seen = [decoder.decode(block(signals, first, position, last)).stopped for first in (b"\x00", b"\x01") for last in (b"\x00", b"\x01")]
+    seen = [
+        decoder.decode(block(signals, first, position, last)).stopped
+        for first in (b"\x00", b"\x01")
+        for last in (b"\x00", b"\x01")
+    ]
     assert seen == [False, False, False, True]
 
 
 def test_a_number_asked_for_twice_in_one_poll_is_the_first_that_came() -> None:
-    """It shares the register of the stop bit, which is asked for at the end once more; where the first was refused, the second stands."""
-    signals = {"setup": SignalSpec(address=2), "stopped": SignalSpec(address=2, type="bit"), "x_mm": SignalSpec(address=40, type="int32")}
+    """It shares the register of the stop bit, which is asked for at the end once more; where the
+    first was refused, the second stands."""
+    signals = {
+        "setup": SignalSpec(address=2),
+        "stopped": SignalSpec(address=2, type="bit"),
+        "x_mm": SignalSpec(address=40, type="int32"),
+    }
     decoder, position = SignalDecoder(signals), bytes.fromhex("00000064")
     assert decoder.decode(block(signals, bytes([0, 3]), position, bytes([0, 5]))).setup == 3
     assert decoder.decode(block(signals, b"", position, bytes([0, 5]))).setup == 5
@@ -165,7 +187,9 @@ def test_answer_of_another_length_is_refused() -> None:
 
 def test_block_of_another_map_is_refused_by_signal() -> None:
     foreign = ModbusBlock(0, 1, (ReadRange("holding", 0, 4),), (bytes(8),))
-    with pytest.raises(DataError, match=r"signal x_mm: expected a block that holds holding 4-5, found holding 0\+4"):
+    with pytest.raises(
+        DataError, match=r"signal x_mm: expected a block that holds holding 4-5, found holding 0\+4"
+    ):
         SignalDecoder(CONTRACT_SIGNALS).decode(foreign)
 
 
@@ -192,7 +216,9 @@ def test_every_signal_is_read_once_within_the_limits(specs: list[SignalSpec]) ->
     assert all(one.count <= MAX_REGISTERS for one in ranges)
     for spec in specs:
         assert any(
-            one.table == spec.table and one.address <= spec.address and spec.address + spec.width <= one.address + one.count
+            one.table == spec.table
+            and one.address <= spec.address
+            and spec.address + spec.width <= one.address + one.count
             for one in ranges
         )
 
@@ -203,7 +229,9 @@ def test_decoding_depends_on_the_block_alone(first: bytes, second: bytes) -> Non
     used = SignalDecoder(CONTRACT_SIGNALS)
     signals = dict(CONTRACT_SIGNALS)
     used.decode(block(signals, first))
-    assert used.decode(block(signals, second)) == SignalDecoder(CONTRACT_SIGNALS).decode(block(signals, second))
+    assert used.decode(block(signals, second)) == SignalDecoder(CONTRACT_SIGNALS).decode(
+        block(signals, second)
+    )
 
 
 def test_unknown_settings_of_a_signal_are_refused_by_the_struct() -> None:
@@ -212,7 +240,8 @@ def test_unknown_settings_of_a_signal_are_refused_by_the_struct() -> None:
 
 
 def test_in_a_data_block_and_in_a_tncs_memory_an_address_is_a_byte():
-    """DB4900.DBW0, DBX5.0 and DBD8, most significant byte first; D284 and a bit of W1026, low byte first."""
+    """DB4900.DBW0, DBX5.0 and DBD8, most significant byte first; D284 and a bit of W1026, low byte
+    first."""
     s7 = {
         "setup": SignalSpec(table="db4900", address=0),
         "stopped": SignalSpec(table="db4900", address=5, type="bit"),
@@ -220,7 +249,9 @@ def test_in_a_data_block_and_in_a_tncs_memory_an_address_is_a_byte():
     }
     asked = plan_reads(s7, ())
     assert asked == (ReadRange("db4900", 0, 2), ReadRange("db4900", 5, 5))
-    decoded = SignalDecoder(s7).decode(ModbusBlock(0, 1, asked, (b"\x00\x0b", b"\x01" + struct.pack(">i", -123456))))
+    decoded = SignalDecoder(s7).decode(
+        ModbusBlock(0, 1, asked, (b"\x00\x0b", b"\x01" + struct.pack(">i", -123456)))
+    )
     assert (decoded.setup, decoded.stopped, decoded.x_mm) == (11, True, pytest.approx(-12.3456))
     tnc = {
         "stop_count": SignalSpec(table="B", address=284, type="int32", order="DCBA"),
@@ -233,8 +264,13 @@ def test_in_a_data_block_and_in_a_tncs_memory_an_address_is_a_byte():
 
 
 def test_what_the_machine_refused_is_known_by_name():
-    signals = {"setup": SignalSpec(address=0), "stopped": SignalSpec(table="coil", address=0, type="bit")}
+    signals = {
+        "setup": SignalSpec(address=0),
+        "stopped": SignalSpec(table="coil", address=0, type="bit"),
+    }
     decoder, asked = SignalDecoder(signals), plan_reads(signals, ())
-    block = ModbusBlock(0, 1, asked, tuple(b"" if each.table == "coil" else b"\0\1" for each in asked))
+    block = ModbusBlock(
+        0, 1, asked, tuple(b"" if each.table == "coil" else b"\0\1" for each in asked)
+    )
     decoder.decode(block)
     assert decoder.unanswered(block) == ("stopped",)

@@ -15,7 +15,8 @@ def refusal():
 
 
 def keep(session, seconds, monkeypatch):
-    """Run a reconnector for ``seconds`` of a clock that only sleeping moves; return the changes of state and the sleeps."""
+    """Run a reconnector for ``seconds`` of a clock that only sleeping moves; return the changes of
+    state and the sleeps."""
     states, sleeps = [], []
 
     async def run():
@@ -52,7 +53,9 @@ def test_a_device_that_is_absent_is_tried_again_and_again_but_warned_of_once(mon
     assert "warning" not in [entry["log_level"] for entry in logs[1:]]
 
 
-def test_after_a_steady_session_the_first_wait_is_short_again_and_a_new_loss_is_warned_of(monkeypatch):
+def test_after_a_steady_session_the_first_wait_is_short_again_and_a_new_loss_is_warned_of(
+    monkeypatch,
+):
     lives = iter([0, 0, 0, 60, 0, 0])
 
     async def session(report):
@@ -66,7 +69,11 @@ def test_after_a_steady_session_the_first_wait_is_short_again_and_a_new_loss_is_
         states, sleeps = keep(session, 60.45, monkeypatch)
     assert states == ["connecting", "lost", "connected", "lost"]
     assert sleeps[:5] == [0.05, 0.1, 0.2, 60, 0.05]
-    assert [entry["log_level"] for entry in logs if entry["log_level"] != "debug"] == ["warning", "info", "warning"]
+    assert [entry["log_level"] for entry in logs if entry["log_level"] != "debug"] == [
+        "warning",
+        "info",
+        "warning",
+    ]
 
 
 def test_a_session_that_fails_at_once_each_time_does_not_spin(monkeypatch):
@@ -103,7 +110,15 @@ def test_lost_bytes_stand_beside_the_state_and_hide_no_silence(monkeypatch):
 
     with capture_logs() as logs:
         states, _ = keep(session, 0.05, monkeypatch)
-    assert states == ["connecting", "connected", "connected", "silent", "connected", "silent", "lost"]
+    assert states == [
+        "connecting",
+        "connected",
+        "connected",
+        "silent",
+        "connected",
+        "silent",
+        "lost",
+    ]
     told = [(entry["event"], entry["log_level"]) for entry in logs]
     assert told[:6] == [
         ("link-connected", "info"),

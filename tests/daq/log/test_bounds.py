@@ -25,13 +25,20 @@ def bomb(path: Path, chunks: int, size: int) -> int:
     """Write a log of chunks that unpack to ``size`` zeros each; return the size of the file."""
     message = record(5, struct.pack("<HIQQ", 1, 0, 0, 0) + bytes(size))
     packed = zstandard.compress(message, 19)
-    chunk = struct.pack("<QQQI", 0, 0, len(message), 0) + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    chunk = (
+        struct.pack("<QQQI", 0, 0, len(message), 0)
+        + struct.pack("<I", 4)
+        + b"zstd"
+        + struct.pack("<Q", len(packed))
+        + packed
+    )
     path.write_bytes(MAGIC + record(1, struct.pack("<II", 0, 0)) + record(6, chunk) * chunks)
     return path.stat().st_size
 
 
 def test_a_small_log_does_not_unpack_to_gigabytes(tmp_path: Path) -> None:
-    """A few thousand bytes that stand for two gigabytes are read up to what they justify, and the rest is called damage."""
+    """A few thousand bytes that stand for two gigabytes are read up to what they justify, and the
+    rest is called damage."""
     assert bomb(tmp_path / "bomb.mcap", chunks=140, size=15_000_000) < 400_000
     tracemalloc.start()
     try:
@@ -57,11 +64,15 @@ def test_a_poll_has_no_more_ranges_than_signals() -> None:
 def test_a_table_of_readings_has_an_end() -> None:
     row = "ppp,1,0,0,0,0,0\n"
     with pytest.raises(DataError, match=f"at most {MOST_READINGS} rows"):
-        parse_readings("setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n" + row * (MOST_READINGS + 1), "r.csv")
+        parse_readings(
+            "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n" + row * (MOST_READINGS + 1), "r.csv"
+        )
 
 
 def test_a_refusal_repeats_no_megabytes() -> None:
     """What a foreign file has in place of a word is shown by its beginning."""
-    refusal = UsageError("survey.toml: " + "w" * 10**6, expected="e" * 10**6, found="f" * 10**7, remedy="r" * 10**6)
+    refusal = UsageError(
+        "survey.toml: " + "w" * 10**6, expected="e" * 10**6, found="f" * 10**7, remedy="r" * 10**6
+    )
     assert len(str(refusal)) < 10_000
     assert "(10000000 characters)" in str(refusal)

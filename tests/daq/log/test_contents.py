@@ -18,7 +18,16 @@ from stepdiag.daq.log.recovery import log_info, recover
 from stepdiag.daq.log.topics import CHANNELS, SAMPLE_TOPIC
 from stepdiag.daq.log.writer import RUN, LogHeader, LogWriter
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent
-from testkit.recording import EVENTS, HEADER, START_NS, SURVEY, WALL_OFFSET_NS, recording, with_notes, write_log
+from testkit.recording import (
+    EVENTS,
+    HEADER,
+    START_NS,
+    SURVEY,
+    WALL_OFFSET_NS,
+    recording,
+    with_notes,
+    write_log,
+)
 
 SHORT = recording(1.5)
 
@@ -41,8 +50,11 @@ def test_events_come_back_in_the_order_of_their_capture(tmp_path: Path) -> None:
 
 
 @given(events=EVENTS, flush_every=st.integers(1, 70))
-def test_any_events_in_any_order_come_back(tmp_path_factory: pytest.TempPathFactory, events: list[Event], flush_every: int) -> None:
-    """Whatever the bytes, the order of streams, equal or backward times, and wherever the log was flushed."""
+def test_any_events_in_any_order_come_back(
+    tmp_path_factory: pytest.TempPathFactory, events: list[Event], flush_every: int
+) -> None:
+    """Whatever the bytes, the order of streams, equal or backward times, and wherever the log was
+    flushed."""
     path = tmp_path_factory.mktemp("log") / "a.mcap"
     write_log(path, events, flush_every=flush_every)
     assert read(path)[0] == events
@@ -58,18 +70,33 @@ def test_header_and_survey_come_back(tmp_path: Path) -> None:
 
 
 def test_a_log_is_as_viewers_want_it(tmp_path: Path) -> None:
-    """acquisition.md B2, rules 3, 5, 7, 9: schema on every channel, log time never backwards, sequences without a gap, metadata."""
+    """acquisition.md B2, rules 3, 5, 7, 9: schema on every channel, log time never backwards,
+    sequences without a gap, metadata."""
     write_log(tmp_path / "a.mcap", with_notes(SHORT))
     with (tmp_path / "a.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
         assert summary is not None
-        assert {channel.topic for channel in summary.channels.values()} == {channel.topic for channel in CHANNELS}
-        assert all(summary.schemas[channel.schema_id].encoding == "jsonschema" for channel in summary.channels.values())
+        assert {channel.topic for channel in summary.channels.values()} == {
+            channel.topic for channel in CHANNELS
+        }
+        assert all(
+            summary.schemas[channel.schema_id].encoding == "jsonschema"
+            for channel in summary.channels.values()
+        )
         assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
-        assert {record.name for record in reader.iter_metadata()} == {RUN, "stepdiag.clock", "foxglove", "stepdiag.run_stop"}
+        assert {record.name for record in reader.iter_metadata()} == {
+            RUN,
+            "stepdiag.clock",
+            "foxglove",
+            "stepdiag.run_stop",
+        }
         (attachment,) = reader.iter_attachments()
-        assert (attachment.name, attachment.media_type, attachment.data) == ("survey.toml", "text/plain", SURVEY.encode())
+        assert (attachment.name, attachment.media_type, attachment.data) == (
+            "survey.toml",
+            "text/plain",
+            SURVEY.encode(),
+        )
         last = WALL_OFFSET_NS
         sequences: dict[str, int] = {}
         for _schema, channel, message in reader.iter_messages(log_time_order=False):
@@ -78,13 +105,18 @@ def test_a_log_is_as_viewers_want_it(tmp_path: Path) -> None:
             last, sequences[channel.topic] = message.log_time, message.sequence + 1
             fields = json.loads(message.data)
             assert (
-                fields["time"]["sec"] * 10**9 + fields["time"]["nsec"] == message.publish_time == int(fields["t_mono_ns"]) + WALL_OFFSET_NS
+                fields["time"]["sec"] * 10**9 + fields["time"]["nsec"]
+                == message.publish_time
+                == int(fields["t_mono_ns"]) + WALL_OFFSET_NS
             )
 
 
 @pytest.mark.parametrize(("lines_per_chunk", "rate_hz"), [(1, 1000), (5, 1000), (600, 100_000)])
-def test_lines_of_an_interferometer_take_at_most_twelve_bytes(tmp_path: Path, lines_per_chunk: int, rate_hz: int) -> None:
-    """The promise for a log at rest, polls of the machine at 50 Hz included, flushed as the recorder flushes (0.4 s)."""
+def test_lines_of_an_interferometer_take_at_most_twelve_bytes(
+    tmp_path: Path, lines_per_chunk: int, rate_hz: int
+) -> None:
+    """The promise for a log at rest, polls of the machine at 50 Hz included, flushed as the
+    recorder flushes (0.4 s)."""
     seconds = 12_000 / rate_hz
     events = recording(seconds, rate_hz, lines_per_chunk)
     write_log(tmp_path / "a.mcap", events, flush_every=max(1, int(0.4 * len(events) / seconds)))
@@ -92,12 +124,16 @@ def test_lines_of_an_interferometer_take_at_most_twelve_bytes(tmp_path: Path, li
 
 
 def test_a_log_cut_off_anywhere_gives_what_was_flushed_before(tmp_path: Path) -> None:
-    """Power loss: at every cut the events read are the first ones, and none that was flushed before the cut is missing."""
+    """Power loss: at every cut the events read are the first ones, and none that was flushed before
+    the cut is missing."""
     lengths = write_log(tmp_path / "a.mcap", SHORT, flush_every=300)
     whole = (tmp_path / "a.mcap").read_bytes()
     cut = tmp_path / "cut.mcap.part"
     random.seed(4)
-    for length in {*range(lengths[-2], lengths[-1], 97), *random.sample(range(lengths[0], len(whole)), 120)}:
+    for length in {
+        *range(lengths[-2], lengths[-1], 97),
+        *random.sample(range(lengths[0], len(whole)), 120),
+    }:
         cut.write_bytes(whole[:length])
         events, end = read(cut)
         flushed = 300 * sum(each <= length for each in lengths)
@@ -107,7 +143,8 @@ def test_a_log_cut_off_anywhere_gives_what_was_flushed_before(tmp_path: Path) ->
 
 
 def test_a_log_that_is_closed_while_it_is_read_is_read_to_its_end(tmp_path: Path) -> None:
-    """Whoever listed it under the name that it had while it was written finds it: before it was opened, and between two readings."""
+    """Whoever listed it under the name that it had while it was written finds it: before it was
+    opened, and between two readings."""
     write_log(tmp_path / "a.mcap", SHORT, flush_every=300)
     part = (tmp_path / "a.mcap").rename(tmp_path / "a.mcap.part")
     log = open_log(part)
@@ -134,7 +171,8 @@ def test_a_log_cut_off_in_its_header_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_flipped_bit_is_found_and_nothing_after_it_is_used(tmp_path: Path) -> None:
-    """A flip is a refusal, an early end named as damage, or lies where nothing is read from (indexes)."""
+    """A flip is a refusal, an early end named as damage, or lies where nothing is read from
+    (indexes)."""
     write_log(tmp_path / "a.mcap", SHORT[:400], flush_every=100)
     whole = bytearray((tmp_path / "a.mcap").read_bytes())
     flipped = tmp_path / "flipped.mcap"
@@ -152,7 +190,9 @@ def test_a_flipped_bit_is_found_and_nothing_after_it_is_used(tmp_path: Path) -> 
 
 
 @given(data=st.binary(max_size=400), keep=st.integers(0, 4000))
-def test_a_foreign_bytes_are_at_worst_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes, keep: int) -> None:
+def test_a_foreign_bytes_are_at_worst_refused(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes, keep: int
+) -> None:
     path = tmp_path_factory.mktemp("log") / "a.mcap"
     stream = io.BytesIO()
     writer = LogWriter(stream, HEADER)
@@ -180,16 +220,28 @@ def foreign(path: Path, library: str, version: str = "1") -> Path:
     [
         ("rosbag2", "1", "expected a log of stepdiag \\(MCAP\\), found a file of rosbag2"),
         ("", "1", "found a file of an unnamed program"),
-        ("stepdiag 9.0", "2", "expected log version 1, found 2; read it with the version of stepdiag that wrote it"),
-        ("stepdiag 0.1", "1", "expected the start of a log: run, clock and survey, found another order of records"),
+        (
+            "stepdiag 9.0",
+            "2",
+            "expected log version 1, found 2; read it with the version of stepdiag that wrote it",
+        ),
+        (
+            "stepdiag 0.1",
+            "1",
+            "expected the start of a log: run, clock and survey, found another order of records",
+        ),
     ],
 )
-def test_logs_of_others_and_of_the_future_are_refused(tmp_path: Path, library: str, version: str, message: str) -> None:
+def test_logs_of_others_and_of_the_future_are_refused(
+    tmp_path: Path, library: str, version: str, message: str
+) -> None:
     with pytest.raises(DataError, match=message):
         open_log(foreign(tmp_path / "a.mcap", library, version))
 
 
-@pytest.mark.parametrize(("content", "found"), [(b"", "found nothing"), (b"setup,pass,stop\n", "not a valid MCAP file")])
+@pytest.mark.parametrize(
+    ("content", "found"), [(b"", "found nothing"), (b"setup,pass,stop\n", "not a valid MCAP file")]
+)
 def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, found: str) -> None:
     (tmp_path / "a.mcap").write_bytes(content)
     with pytest.raises(DataError, match=found):
@@ -197,11 +249,18 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, found: str) -
 
 
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.mcap: expected a log of stepdiag \(MCAP\), found No such file"):
+    with pytest.raises(
+        DataError, match=r"none\.mcap: expected a log of stepdiag \(MCAP\), found No such file"
+    ):
         open_log(tmp_path / "none.mcap")
 
 
-def chunk_log(path: Path, message: bytes, chunk_size: int = 100, compression: CompressionType = CompressionType.ZSTD) -> Path:
+def chunk_log(
+    path: Path,
+    message: bytes,
+    chunk_size: int = 100,
+    compression: CompressionType = CompressionType.ZSTD,
+) -> Path:
     """A log of ours by its header whose only message on the laser's channel is ``message``."""
     stream = io.BytesIO()
     LogWriter(stream, HEADER).flush()
@@ -215,7 +274,15 @@ def chunk_log(path: Path, message: bytes, chunk_size: int = 100, compression: Co
     return path
 
 
-GOOD = {"time": {"sec": 1, "nsec": 0}, "t_mono_ns": "5", "order": 0, "skip": [0], "run": [1], "after_us": [0], "data": ["a"]}
+GOOD = {
+    "time": {"sec": 1, "nsec": 0},
+    "t_mono_ns": "5",
+    "order": 0,
+    "skip": [0],
+    "run": [1],
+    "after_us": [0],
+    "data": ["a"],
+}
 
 
 def test_a_message_of_ours_by_hand_is_read(tmp_path: Path) -> None:
@@ -236,15 +303,23 @@ def test_a_message_of_ours_by_hand_is_read(tmp_path: Path) -> None:
         {"order": "0"},
     ],
 )
-def test_a_message_that_contradicts_itself_is_damage(tmp_path: Path, change: dict[str, object]) -> None:
+def test_a_message_that_contradicts_itself_is_damage(
+    tmp_path: Path, change: dict[str, object]
+) -> None:
     events, end = read(chunk_log(tmp_path / "a.mcap", json.dumps(GOOD | change).encode()))
     assert events == []
     assert isinstance(end.damage, Message)
-    assert end.damage.key in ("log-impossible", "log-event-twice", "log-event-missing", "log-unreadable")
+    assert end.damage.key in (
+        "log-impossible",
+        "log-event-twice",
+        "log-event-missing",
+        "log-unreadable",
+    )
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
-    """A chunk of a few kilobytes that unpacks to a hundred megabytes is refused before it is unpacked."""
+    """A chunk of a few kilobytes that unpacks to a hundred megabytes is refused before it is
+    unpacked."""
     path = chunk_log(tmp_path / "a.mcap", bytes(100_000_000))
     assert path.stat().st_size < 100_000
     _, end = read(path)
@@ -252,7 +327,9 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
 
 
 def test_other_compressions_are_not_ours(tmp_path: Path) -> None:
-    _, end = read(chunk_log(tmp_path / "a.mcap", json.dumps(GOOD).encode(), compression=CompressionType.LZ4))
+    _, end = read(
+        chunk_log(tmp_path / "a.mcap", json.dumps(GOOD).encode(), compression=CompressionType.LZ4)
+    )
     assert end.damage == message("log-impossible", field="chunk.compression", value="'lz4'")
 
 
@@ -305,9 +382,13 @@ def test_recovery_begins_again_where_it_was_killed(tmp_path: Path) -> None:
 
 
 def test_info_counts_what_is_there(tmp_path: Path) -> None:
-    write_log(tmp_path / "a.mcap", [*SHORT, LinkEvent(START_NS + 2 * 10**9, "laser", "lost", "unplugged")])
+    write_log(
+        tmp_path / "a.mcap", [*SHORT, LinkEvent(START_NS + 2 * 10**9, "laser", "lost", "unplugged")]
+    )
     info = log_info(tmp_path / "a.mcap")
-    assert info.stream_bytes == {"laser": sum(len(event.data) for event in SHORT if isinstance(event, Chunk))}
+    assert info.stream_bytes == {
+        "laser": sum(len(event.data) for event in SHORT if isinstance(event, Chunk))
+    }
     assert info.polls == sum(not isinstance(event, Chunk) for event in SHORT)
     assert info.seconds == pytest.approx(2.0)
     assert info.begin_wall_ns == START_NS + WALL_OFFSET_NS
@@ -318,13 +399,20 @@ def test_a_survey_that_is_not_as_it_was_recorded_is_refused(tmp_path: Path) -> N
     write_log(tmp_path / "a.mcap", SHORT[:10])
     whole = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "b.mcap").write_bytes(whole.replace(b"name = ", b"nane = ", 1))
-    with pytest.raises(DataError, match="expected the survey file as it was recorded, found another one"):
+    with pytest.raises(
+        DataError, match="expected the survey file as it was recorded, found another one"
+    ):
         open_log(tmp_path / "b.mcap")
 
 
 def test_an_impossible_clock_is_refused(tmp_path: Path) -> None:
     stream = io.BytesIO()
-    LogWriter(stream, LogHeader(survey_text="", wall_offset_ns=0, start_ns=0, clock={"start_mono_ns": str(2**70)})).flush()
+    LogWriter(
+        stream,
+        LogHeader(
+            survey_text="", wall_offset_ns=0, start_ns=0, clock={"start_mono_ns": str(2**70)}
+        ),
+    ).flush()
     (tmp_path / "a.mcap").write_bytes(stream.getvalue())
     with pytest.raises(DataError, match="expected the clock and the survey of a log"):
         open_log(tmp_path / "a.mcap")

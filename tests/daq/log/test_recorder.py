@@ -62,7 +62,9 @@ def bench() -> Iterator[Bench]:
     bench.recorder.stop()
 
 
-def test_what_was_admitted_is_replayed_and_the_log_gets_its_name(bench: Bench, tmp_path: Path) -> None:
+def test_what_was_admitted_is_replayed_and_the_log_gets_its_name(
+    bench: Bench, tmp_path: Path
+) -> None:
     path = tmp_path / "survey" / "0001.mcap"
     bench.recorder.begin(path, HEADER)
     admitted = bench.admit(EVENTS)
@@ -93,11 +95,15 @@ def test_nanoseconds_are_cut_before_anybody_sees_them(bench: Bench, tmp_path: Pa
     assert admitted == Chunk("laser", START_NS + 1000, b"x")
 
 
-def test_a_captured_stop_is_synced_at_once(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_captured_stop_is_synced_at_once(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A power failure right after a stop does not lose it: the sync does not wait for its turn."""
     synced: list[int] = []
     monkeypatch.setattr("stepdiag.daq.log.recorder.FLUSH_S", 1e6)
-    monkeypatch.setattr(PartFile, "sync", lambda file: synced.append(open_log_messages(file.part)["/machine/stop"]))
+    monkeypatch.setattr(
+        PartFile, "sync", lambda file: synced.append(open_log_messages(file.part)["/machine/stop"])
+    )
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
     bench.admit(EVENTS[:50])
     wait_until(lambda: bench.states == ["recording"])
@@ -106,17 +112,24 @@ def test_a_captured_stop_is_synced_at_once(bench: Bench, tmp_path: Path, monkeyp
 
 
 def test_nobody_is_told_of_a_stop_before_it_is_in_the_file(bench: Bench, tmp_path: Path) -> None:
-    """What a person or the machine was told survives the death of the process, with the bytes that it was made of."""
+    """What a person or the machine was told survives the death of the process, with the bytes that
+    it was made of."""
     seen: list[Counter[str]] = []
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
     for number in range(0, 50, 10):
         bench.admit(EVENTS[number : number + 10])
-        bench.recorder.promise(STOP, lambda: seen.append(open_log_messages(tmp_path / "a.mcap.part")))
+        bench.recorder.promise(
+            STOP, lambda: seen.append(open_log_messages(tmp_path / "a.mcap.part"))
+        )
     wait_until(lambda: len(seen) == 5)
-    assert [found["/machine/stop"] >= told for told, found in enumerate(seen, start=1)] == [True] * 5
+    assert [found["/machine/stop"] >= told for told, found in enumerate(seen, start=1)] == [
+        True
+    ] * 5
 
 
-def test_a_stop_during_a_sync_is_synced_after_it(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_during_a_sync_is_synced_after_it(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A sync that has begun says nothing of the bytes that came after."""
     begun, go_on = threading.Semaphore(0), threading.Semaphore(0)
 
@@ -135,7 +148,9 @@ def test_a_stop_during_a_sync_is_synced_after_it(bench: Bench, tmp_path: Path, m
     go_on.release(100)
 
 
-def test_a_sync_that_fails_is_told(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sync_that_fails_is_told(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(_file: PartFile) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
@@ -144,7 +159,9 @@ def test_a_sync_that_fails_is_told(bench: Bench, tmp_path: Path, monkeypatch: py
     bench.admit(EVENTS[:50])
     bench.recorder.promise(STOP, lambda: None)
     wait_until(lambda: "blocked" in bench.states)
-    assert next(health for health in bench.said if health.state == "blocked").reason == message("os-io")
+    assert next(health for health in bench.said if health.state == "blocked").reason == message(
+        "os-io"
+    )
 
 
 def open_log_messages(path: Path) -> Counter[str]:
@@ -190,7 +207,8 @@ def test_any_error_of_the_thread_is_told(bench: Bench) -> None:
 
 @contextmanager
 def full_disk(length: int) -> Iterator[None]:
-    """The kernel refuses to write beyond a length, as a full disk does: EFBIG by RLIMIT_FSIZE (Python ignores SIGXFSZ).
+    """The kernel refuses to write beyond a length, as a full disk does: EFBIG by RLIMIT_FSIZE
+    (Python ignores SIGXFSZ).
 
     No longer than it takes: what pytest says of the test may go into a file that is longer.
     """
@@ -212,12 +230,21 @@ def test_a_full_disk_stops_the_recording_loudly_and_it_goes_on(tmp_path: Path) -
         assert bench.recorder.health.reason == os.strerror(errno.EFBIG)
         admitted += bench.admit(many[2000:4000])
         readable = read(tmp_path / "a.mcap.part")
-    wait_until(lambda: bench.recorder.health.state == "recording" and not bench.recorder.health.backlog_bytes)
+    wait_until(
+        lambda: (
+            bench.recorder.health.state == "recording" and not bench.recorder.health.backlog_bytes
+        )
+    )
     admitted += bench.admit(many[4000:4300])
     bench.recorder.end("complete")
     assert bench.recorder.stop()
     lost = [event for event in admitted if isinstance(event, Loss)]
-    assert sum(loss.events for loss in lost) == 4300 - (len(admitted) - len(lost)) == bench.recorder.health.lost_events > 0
+    assert (
+        sum(loss.events for loss in lost)
+        == 4300 - (len(admitted) - len(lost))
+        == bench.recorder.health.lost_events
+        > 0
+    )
     assert bench.states == ["recording", "blocked", "recording", "idle"]
     assert readable == admitted[: len(readable)]
     log = open_log(tmp_path / "a.mcap")
@@ -226,7 +253,9 @@ def test_a_full_disk_stops_the_recording_loudly_and_it_goes_on(tmp_path: Path) -
     assert log.end.run_stop["lost_events"] == str(bench.recorder.health.lost_events)
 
 
-def test_a_stop_that_a_full_disk_refuses_is_not_captured_until_there_is_space(tmp_path: Path) -> None:
+def test_a_stop_that_a_full_disk_refuses_is_not_captured_until_there_is_space(
+    tmp_path: Path,
+) -> None:
     """The machine must not move on from a stop that a power cut would take away."""
     bench, told = Bench(), threading.Event()
     with full_disk(6_000):
@@ -254,10 +283,14 @@ def test_a_disk_that_stays_full_leaves_what_was_written(tmp_path: Path) -> None:
         assert not (tmp_path / "a.mcap").exists()
 
 
-def test_admitting_never_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_admitting_never_waits_for_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A sync of a tenth of a second (its p99, baselines.md) must not reach the caller."""
     begun, hold, synced = threading.Event(), threading.Event(), threading.Event()
-    monkeypatch.setattr(PartFile, "sync", lambda _file: (begun.set(), hold.wait(60.0), synced.set()))
+    monkeypatch.setattr(
+        PartFile, "sync", lambda _file: (begun.set(), hold.wait(60.0), synced.set())
+    )
     bench = Bench()
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
     assert begun.wait(60.0)
@@ -302,11 +335,14 @@ KILLED = """
 
 @pytest.mark.parametrize("seconds", [0.7, 1.15])
 def test_a_killed_process_loses_at_most_half_a_second(tmp_path: Path, seconds: float) -> None:
-    """kill -9 at a moment between flushes; what was handed to the recorder earlier than half a second before is in the file."""
+    """kill -9 at a moment between flushes; what was handed to the recorder earlier than half a
+    second before is in the file."""
     path = tmp_path / "a.mcap"
     paths = os.pathsep.join([str(Path(__file__).parents[2] / "lib")])
     command = [sys.executable, "-c", textwrap.dedent(KILLED), str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": paths}) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": paths}
+    ) as process:
         assert process.stdout is not None
         process.stdout.readline()
         time.sleep(seconds)
@@ -319,6 +355,7 @@ def test_a_killed_process_loses_at_most_half_a_second(tmp_path: Path, seconds: f
 
 
 def test_flush_and_sync_keep_the_promises() -> None:
-    """Half a second for a killed process, one second for a power failure, each with room for the write itself."""
+    """Half a second for a killed process, one second for a power failure, each with room for the
+    write itself."""
     assert FLUSH_S < 0.5
     assert SYNC_S <= 1.0

@@ -66,14 +66,17 @@ def test_a_broken_count_costs_the_rest_of_the_pass():
 
 @given(zero=st.floats(-50, 50), overlap=st.integers(0, 4))
 def test_a_stop_measured_on_both_sides_joins_them(zero, overlap):
-    """After the break the program goes back to a stop that was measured before: the readings get one zero again."""
+    """After the break the program goes back to a stop that was measured before: the readings get
+    one zero again."""
     passes = book()
     first, second = stops_of(only=range(5)), stops_of(only=range(overlap, 10), zero=zero)
     passes.add_all([*first, broken(second[0]), *second[1:]])
     (only,) = passes.passes
     assert only.whole
     readings = {index: stop.reading_mm for index, stop in only.chosen().items()}
-    assert [readings[k] - readings[0] for k in range(10)] == pytest.approx([stop.reading_mm for stop in stops_of()], abs=1e-9)
+    assert [readings[k] - readings[0] for k in range(10)] == pytest.approx(
+        [stop.reading_mm for stop in stops_of()], abs=1e-9
+    )
 
 
 def test_refused_stops_count_as_missing():
@@ -99,25 +102,37 @@ def test_a_count_that_nobody_watched_is_used_and_doubted():
     (only,) = passes.passes
     assert only.whole
     assert [bool(only.doubt(k)) for k in range(10)] == [False] * 5 + [True] * 5
-    assert str(only.why_doubtful()).startswith("stops 5, 6, 7, 8, 9 may be off (no sample was seen for 9.0 s before stop 5)")
+    assert str(only.why_doubtful()).startswith(
+        "stops 5, 6, 7, 8, 9 may be off (no sample was seen for 9.0 s before stop 5)"
+    )
 
 
 @given(zero=st.floats(-0.05, 0.05), overlap=st.integers(0, 4))
 def test_a_stop_measured_again_ends_the_doubt(zero, overlap):
-    """The operator goes back over the place where nobody watched: what the count lost meanwhile is now known."""
+    """The operator goes back over the place where nobody watched: what the count lost meanwhile is
+    now known."""
     passes = book()
     first, second = stops_of(only=range(7)), stops_of(only=range(overlap, 10), zero=zero)
-    passes.add_all([*first[:5], unwatched(msgspec.structs.replace(first[5], reading_mm=first[5].reading_mm + zero)), *second])
+    passes.add_all(
+        [
+            *first[:5],
+            unwatched(msgspec.structs.replace(first[5], reading_mm=first[5].reading_mm + zero)),
+            *second,
+        ]
+    )
     (only,) = passes.passes
     assert only.whole
     assert not only.why_doubtful()
     readings = {index: stop.reading_mm for index, stop in only.chosen().items()}
-    assert [readings[k] - readings[0] for k in range(10)] == pytest.approx([stop.reading_mm for stop in stops_of()], abs=1e-9)
+    assert [readings[k] - readings[0] for k in range(10)] == pytest.approx(
+        [stop.reading_mm for stop in stops_of()], abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("why", ["broken", "unwatched"])
 def test_a_refused_stop_carries_its_break_on(why):
-    """The first stop after the break is not used; those after it are of the new stretch all the same."""
+    """The first stop after the break is not used; those after it are of the new stretch all the
+    same."""
     passes = book()
     first, second = stops_of(only=range(5)), stops_of(only=range(5, 10))
     second[0] = msgspec.structs.replace(second[0], refused="wrong-axis-order", **{why: "something"})
@@ -134,7 +149,10 @@ def test_the_journal_hears_reading_and_deviation_of_every_stop():
     off = msgspec.structs.replace(last, reading_mm=last.reading_mm + 0.005)
     passes.add(off)
     assert passes.last_stop(off) == 9
-    assert passes.deviation(off) == (pytest.approx(off.reading_mm - first.reading_mm), pytest.approx(5.0))
+    assert passes.deviation(off) == (
+        pytest.approx(off.reading_mm - first.reading_mm),
+        pytest.approx(5.0),
+    )
     assert passes.deviation(msgspec.structs.replace(last, reading_mm=None)) == (None, None)
 
 
@@ -144,13 +162,22 @@ def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_o
     passes = book()
     passes.add_all(stops_of())
     taken_ns = max(each.window_from_ns for each in stops_of()) if stop is None else stop
-    doubt = Doubt(setup="ppp", pass_number=1, stop=stop, code="pass-wanders", why="contradicts the others", taken_ns=taken_ns)
+    doubt = Doubt(
+        setup="ppp",
+        pass_number=1,
+        stop=stop,
+        code="pass-wanders",
+        why="contradicts the others",
+        taken_ns=taken_ns,
+    )
     passes.suspect([doubt])
     (only,) = passes.passes
     assert passes.doubts() == (doubt,)
     assert not passes.complete()
     assert passes.whole()
-    assert str(only.why_incomplete()) == "contradicts the others: drive the pass again, or accept it"
+    assert (
+        str(only.why_incomplete()) == "contradicts the others: drive the pass again, or accept it"
+    )
     passes.accept(acceptance_of(doubt, reason="known", name="Kim", time_s=1.0))
     assert passes.complete()
     assert [word.name for _, word in passes.accepted()] == ["Kim"]

@@ -1,4 +1,5 @@
-"""A person does what the words say, and that is the end of it: whole pass, or from the stop named, with the readings right afterwards."""
+"""A person does what the words say, and that is the end of it: whole pass, or from the stop named,
+with the readings right afterwards."""
 
 import re
 
@@ -31,14 +32,17 @@ FAULTS = [
 
 
 def driven(folder, signals, faults, *, again):
-    """Return the pass of ppp as the book has it, driven once with faults and, where wanted, once more."""
+    """Return the pass of ppp as the book has it, driven once with faults and, where wanted, once
+    more."""
     machine = machine_of(1)
     program = Program(machine, faults=faults, seed=1)
     for _ in range(1 + again):
         program.drive("ppp")
     folder.mkdir()
     session, _ = recorded(folder, survey_file(signals=signals, setups=("ppp",)), program.events())
-    return session.book.passes[0], simulate_pass(machine, Box(size_mm=BOX_MM, increments=2), "ppp", 1, alignment=MIRROR)
+    return session.book.passes[0], simulate_pass(
+        machine, Box(size_mm=BOX_MM, increments=2), "ppp", 1, alignment=MIRROR
+    )
 
 
 MIRROR = Alignment(mirror_mrad=(0.3, -0.2))
@@ -56,7 +60,9 @@ def test_what_the_words_say_is_the_end_of_it(tmp_path, kind, value, signals):
     first, _ = driven(tmp_path / "once", signals, (fault,), again=False)
     words = str(first.why_incomplete())
     assert words
-    assert re.search(r"drive (again from stop \d|the whole pass again|the pass again)", words), words
+    assert re.search(r"drive (again from stop \d|the whole pass again|the pass again)", words), (
+        words
+    )
     whole, truth = driven(tmp_path / "whole", signals, (fault,), again=True)
     assert whole.complete, whole.why_incomplete()
     assert off_um(whole, truth) < 0.5

@@ -1,4 +1,5 @@
-"""Slips of the count in whole surveys of exact machines: put right, or the pass is named; never worse than before without a word."""
+"""Slips of the count in whole surveys of exact machines: put right, or the pass is named; never
+worse than before without a word."""
 
 from functools import cache
 
@@ -29,7 +30,8 @@ def clean(*, back, n=4, ideal=False):
 
 
 def assert_right_or_named(found, slip, good):
-    """The volume is nearly that of the clean survey, or the pass is named; where nothing is doubted it is better than before."""
+    """The volume is nearly that of the clean survey, or the pass is named; where nothing is doubted
+    it is better than before."""
     place = f"{slip.setup}/{slip.pass_number}"
     assert found.after_um <= 1.3 * good.after_um or place in found.doubted, (found, good)
     assert found.after_um < found.before_um or found.doubted
@@ -49,7 +51,8 @@ def test_one_way_a_slip_of_a_machine_that_is_said_to_repeat_is_put_right_or_name
 
 @pytest.mark.parametrize("slip", ONE_WAY[1:])
 def test_one_way_a_slip_of_an_ordinary_machine_is_put_right_or_named(slip):
-    """From 20 µm on: four increments driven once cannot tell less from how such a machine repeats and turns (`slip-hidden` of the plan)."""
+    """From 20 µm on: four increments driven once cannot tell less from how such a machine repeats
+    and turns (`slip-hidden` of the plan)."""
     assert_right_or_named(survey_of(slip), slip, clean(back=False))
 
 
@@ -62,12 +65,14 @@ def test_one_way_a_slip_that_an_ordinary_machine_hides_does_not_make_it_worse(si
 
 @pytest.mark.parametrize("stop", [1, 4])
 def test_two_increments_one_way_and_200_um(stop):
-    """So few stops do not tell which pass is wrong: all that it may be are named, and nothing is exported."""
+    """So few stops do not tell which pass is wrong: all that it may be are named, and nothing is
+    exported."""
     found = survey_of(Slip("npp", 1, stop, 200.0), n=2)
     assert "npp/1" in found.doubted
 
 
 def test_a_wrong_first_stop_that_may_be_another_is_no_mere_warning():
-    """Left open as widely as it is large, a stop leaves most of the machine's error in the files: 5.8 µm where 0.2 were reached."""
+    """Left open as widely as it is large, a stop leaves most of the machine's error in the files:
+    5.8 µm where 0.2 were reached."""
     found = survey_of(Slip("ppn", 1, 1, -20.0), n=2, seed=2)
     assert "ppn/1" in found.doubted

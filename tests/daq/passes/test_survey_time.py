@@ -1,4 +1,5 @@
-"""When a survey was measured: a clock that was never set is named until somebody states the time."""
+"""When a survey was measured: a clock that was never set is named until somebody states the
+time."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -18,7 +19,10 @@ SET = BUILT + timedelta(days=400)
 
 def book(began: datetime) -> PassBook:
     passes = PassBook(parse_survey(survey_text(), "survey.toml"))
-    passes.add_all(msgspec.structs.replace(stop, time_s=began.timestamp() + 60 * stop.stop) for stop in stops_of())
+    passes.add_all(
+        msgspec.structs.replace(stop, time_s=began.timestamp() + 60 * stop.stop)
+        for stop in stops_of()
+    )
     return passes
 
 
@@ -34,8 +38,12 @@ def book(began: datetime) -> PassBook:
 )
 def test_a_time_before_the_program_was_built_is_no_time(began: datetime, named: bool) -> None:
     passes = book(began)
-    assert [(found.code, found.severity) for found in clock_findings(passes)] == [("clock-unset", "warning")] * named
-    assert [found.code for found in finding_list(passes, ())] == ["clock-unset"] * named, "page and status show the same"
+    assert [(found.code, found.severity) for found in clock_findings(passes)] == [
+        ("clock-unset", "warning")
+    ] * named
+    assert [found.code for found in finding_list(passes, ())] == ["clock-unset"] * named, (
+        "page and status show the same"
+    )
 
 
 def test_before_the_first_stop_the_clock_of_now_counts() -> None:
@@ -43,12 +51,16 @@ def test_before_the_first_stop_the_clock_of_now_counts() -> None:
     assert [found.code for found in finding_list(empty, (), 0.0)] == ["clock-unset"]
     assert not finding_list(empty, (), SET.timestamp())
     assert not finding_list(empty, ())
-    assert not finding_list(book(SET), (), 0.0), "a clock that is lost afterwards changes nothing of the survey"
+    assert not finding_list(book(SET), (), 0.0), (
+        "a clock that is lost afterwards changes nothing of the survey"
+    )
 
 
 def test_a_time_that_is_stated_takes_the_place_of_the_clocks() -> None:
     passes = book(datetime(1970, 1, 1, tzinfo=UTC))
-    passes.time_stated = TimeStated(begun_s=SET.timestamp(), name="Kim", reason="shift book", time_s=0.0)
+    passes.time_stated = TimeStated(
+        begun_s=SET.timestamp(), name="Kim", reason="shift book", time_s=0.0
+    )
     assert span_s(passes) == (SET.timestamp(), SET.timestamp() + 9 * 60)
     (found,) = clock_findings(passes)
     assert found.severity == "info"

@@ -15,8 +15,12 @@ SURVEY = parse_survey(survey_text(setups=("ppp", "npp"), back=True), "survey.tom
 
 
 def back(*, lost_mm=0.0, **marks):
-    """Return the stops of the return pass, approached from the other side; ``marks`` are put on its first stop."""
-    stops = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm - BACKLASH_MM + lost_mm) for stop in stops_of(outward=False)]
+    """Return the stops of the return pass, approached from the other side; ``marks`` are put on its
+    first stop."""
+    stops = [
+        msgspec.structs.replace(stop, reading_mm=stop.reading_mm - BACKLASH_MM + lost_mm)
+        for stop in stops_of(outward=False)
+    ]
     return [msgspec.structs.replace(stops[0], **marks), *stops[1:]]
 
 
@@ -43,13 +47,15 @@ def test_a_lost_count_starts_a_zero_of_its_own():
 
 
 def test_a_count_that_nobody_watched_joins_nothing():
-    """The beam may have been cut while the daemon was down: the difference would be taken for backlash."""
+    """The beam may have been cut while the daemon was down: the difference would be taken for
+    backlash."""
     readings = table(stops_of(), back(unwatched="the daemon was not running"))
     assert len(set(readings.zero.tolist())) == 2
 
 
 def test_a_count_lost_and_joined_within_the_outward_pass_reaches_back_to_its_first_stop():
-    """Stop 5 was measured before and after the loss; the return pass counts on from the second stretch."""
+    """Stop 5 was measured before and after the loss; the return pass counts on from the second
+    stretch."""
     begun, again = stops_of(only=range(6)), stops_of(only=range(5, 10), zero=3.0)
     again[0] = msgspec.structs.replace(again[0], broken="beam lost")
     readings = table(begun, again, back(lost_mm=3.0))

@@ -39,7 +39,9 @@ def test_a_packed_log_is_smaller_and_says_the_same(tmp_path):
     before, said, stamp, size = read(log), digest(log), log.stat().st_mtime_ns, log.stat().st_size
     assert pack(log) == size - log.stat().st_size > 0.1 * size
     assert (read(log), digest(log), log.stat().st_mtime_ns) == (before, said, stamp)
-    assert [path.name for path in log.parent.iterdir() if path.name.startswith("0001")] == ["0001.mcap"]
+    assert [path.name for path in log.parent.iterdir() if path.name.startswith("0001")] == [
+        "0001.mcap"
+    ]
 
 
 def test_packed_at_once_or_one_by_one_a_log_comes_to_the_same_bytes(tmp_path):
@@ -56,7 +58,10 @@ def test_packed_at_once_or_one_by_one_a_log_comes_to_the_same_bytes(tmp_path):
 
 
 def test_the_oldest_finished_rounds_come_first(tmp_path):
-    rounds = [finished_round(tmp_path, 1, result=False), *(finished_round(tmp_path, number) for number in (2, 3))]
+    rounds = [
+        finished_round(tmp_path, 1, result=False),
+        *(finished_round(tmp_path, number) for number in (2, 3)),
+    ]
     budget = size_bytes(tmp_path) - 1
     assert [packed.folder for packed in keep_budget(tmp_path, budget)] == [rounds[1]]
     assert list(keep_budget(tmp_path, budget)) == []

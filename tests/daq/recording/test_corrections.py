@@ -34,7 +34,9 @@ def test_a_change_costs_what_it_must(what):
     before, after = {**FREE, **READING, **DRIVEN}[what]
     assert before in TEXT
     text = TEXT.replace(before, after, 1)
-    found = changes(parse_survey(TEXT, "a"), parse_survey(text, "b") if what != "targets" else _without(TEXT))
+    found = changes(
+        parse_survey(TEXT, "a"), parse_survey(text, "b") if what != "targets" else _without(TEXT)
+    )
     assert found
     assert any(each.begins_round for each in found) is (what in DRIVEN)
     assert any(each.reads_otherwise for each in found) is (what in READING)
@@ -42,11 +44,14 @@ def test_a_change_costs_what_it_must(what):
 
 def _without(text):
     survey = parse_survey(text, "a")
-    return msgspec.structs.replace(survey, plan=msgspec.structs.replace(survey.plan, setups=survey.plan.setups[:-1]))
+    return msgspec.structs.replace(
+        survey, plan=msgspec.structs.replace(survey.plan, setups=survey.plan.setups[:-1])
+    )
 
 
 def test_the_recorder_goes_on_with_the_round_and_the_passes_of_the_corrected_file(tmp_path):
-    """A laser that counts the other way round: no pass was whole, and with the corrected file none is left to drive."""
+    """A laser that counts the other way round: no pass was whole, and with the corrected file none
+    is left to drive."""
     found = surveyed(SHOP, tmp_path / "first", files=False)
     assert found.passes == 0
     folder = tmp_path / "bench"
@@ -61,4 +66,7 @@ def test_the_recorder_goes_on_with_the_round_and_the_passes_of_the_corrected_fil
     assert noted.changes == ("laser.sign: 1 -> -1",)
     assert latest_round(folder, right, {}).stops == begun.stops
     assert len(corrections_in(folder / "0001")) == 1
-    assert latest_round(folder, right.replace("increments = 2", "increments = 3"), {}).folder.name == "0002"
+    assert (
+        latest_round(folder, right.replace("increments = 2", "increments = 3"), {}).folder.name
+        == "0002"
+    )

@@ -20,7 +20,9 @@ class Machine:
 
     def stands(self, signals, *seconds):
         for now in seconds:
-            found = self.handshake.look(signals, round(now * SECOND), lambda: "ppp 3/9, taking the stop")
+            found = self.handshake.look(
+                signals, round(now * SECOND), lambda: "ppp 3/9, taking the stop"
+            )
             self.said += [] if found is None else [found]
 
 
@@ -81,5 +83,13 @@ def test_a_program_that_is_over_waits_for_nobody():
 
 def test_a_refusal_is_said_once_until_it_is_taken_again():
     handshake = Handshake(lambda count: None, None, 2.0)
-    said = [handshake.written(refused) for refused in ("illegal address", "illegal address", "", "illegal address")]
-    assert [found is not None and found.code == "handshake-waits" for found in said] == [True, False, False, True]
+    said = [
+        handshake.written(refused)
+        for refused in ("illegal address", "illegal address", "", "illegal address")
+    ]
+    assert [found is not None and found.code == "handshake-waits" for found in said] == [
+        True,
+        False,
+        False,
+        True,
+    ]

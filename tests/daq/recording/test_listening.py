@@ -1,4 +1,5 @@
-"""What a line brings between two logs: said once where nothing of it makes a reading, by a clock that the test holds."""
+"""What a line brings between two logs: said once where nothing of it makes a reading, by a clock
+that the test holds."""
 
 from stepdiag.daq.recording.listening import PATIENCE_NS, Listening
 from stepdiag.daq.records.events import Chunk, LinkEvent
@@ -12,7 +13,9 @@ S = 1_000_000_000
 
 def said(listening, data, from_s, seconds):
     """Return what is said while a line brings this ten times a second."""
-    chunks = [Chunk("laser", int((from_s + each / 10) * S), data) for each in range(int(10 * seconds))]
+    chunks = [
+        Chunk("laser", int((from_s + each / 10) * S), data) for each in range(int(10 * seconds))
+    ]
     return [(found.code, found.text) for chunk in chunks for found in listening.take(chunk)]
 
 
@@ -30,7 +33,8 @@ def test_nonsense_is_said_once_after_a_while():
 
 
 def test_who_was_understood_is_not_listened_to_until_the_line_was_lost():
-    """A pass says by itself what it hears; a line that comes back may lead to another instrument."""
+    """A pass says by itself what it hears; a line that comes back may lead to another
+    instrument."""
     ears = listening()
     assert said(ears, GOOD, 0, 1) + said(ears, NONSENSE, 1, 60) == []
     ears.take_link(LinkEvent(61 * S, "machine", "lost", ""))
@@ -66,14 +70,18 @@ def test_noise_at_opening_does_not_accuse_the_instrument_that_gets_power_an_hour
 
 def test_nonsense_seldom_sent_is_named():
     ears = listening()
-    assert [code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)] == ["bytes-garbled"]
+    assert [code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)] == [
+        "bytes-garbled"
+    ]
 
 
 def test_a_senseless_flood_is_no_longer_decoded_whole_once_it_is_named(monkeypatch):
     ears, taken = listening(), []
     ear = ears._ears["laser"]
     feed = ear.decoder.feed
-    monkeypatch.setattr(ear.decoder, "feed", lambda data, at: (taken.append(len(data)), feed(data, at))[1])
+    monkeypatch.setattr(
+        ear.decoder, "feed", lambda data, at: (taken.append(len(data)), feed(data, at))[1]
+    )
     assert len(said(ears, NONSENSE * 2000, 0, 5)) == 1
     taken.clear()
     assert said(ears, NONSENSE * 2000, 5, 20) == []

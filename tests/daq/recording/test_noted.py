@@ -19,7 +19,11 @@ def noted(found):
 
 @pytest.mark.parametrize(
     "said",
-    [message("beam-lost.bridged", why="beam lost"), message("count-stuck", count=3), message("turned-round")],
+    [
+        message("beam-lost.bridged", why="beam lost"),
+        message("count-stuck", count=3),
+        message("turned-round"),
+    ],
     ids=lambda said: said.key,
 )
 def test_a_finding_is_read_from_its_log_with_its_message_and_its_place(said):

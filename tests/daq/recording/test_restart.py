@@ -1,4 +1,5 @@
-"""A daemon that dies while the machine stands at the end of a pass, and the next one that finds the machine there."""
+"""A daemon that dies while the machine stands at the end of a pass, and the next one that finds the
+machine there."""
 
 import pytest
 
@@ -21,11 +22,19 @@ SETUPS = ("ppp", "npp")
 def session_of(text, begun, said):
     begun.folder.mkdir(exist_ok=True)
     survey = parse_survey(text, "survey.toml")
-    return Session(survey, text, begun, DirectSink(), on_outcome=said.append, wall_offset_ns=lambda: WALL_OFFSET_NS)
+    return Session(
+        survey,
+        text,
+        begun,
+        DirectSink(),
+        on_outcome=said.append,
+        wall_offset_ns=lambda: WALL_OFFSET_NS,
+    )
 
 
 def cut(folder, text, events, at_end):
-    """Record up to the end of the first pass as a daemon that dies then; return its session, and the events the next one has still to see.
+    """Record up to the end of the first pass as a daemon that dies then; return its session, and
+    the events the next one has still to see.
 
     ``at_end`` is how many events the dead one saw after it had taken the last stop.
     """
@@ -46,7 +55,9 @@ def gone_on(text, begun, events):
     for event in events:
         session.consume(event)
     session.close("the bench has ended")
-    return session, [each.text for each in said if isinstance(each, Finding) and each.severity == "error"]
+    return session, [
+        each.text for each in said if isinstance(each, Finding) and each.severity == "error"
+    ]
 
 
 def driven(*, back=False, setups=SETUPS):
@@ -59,7 +70,8 @@ def driven(*, back=False, setups=SETUPS):
 @pytest.mark.parametrize("back", [False, True], ids=["outward", "there-and-back"])
 @pytest.mark.parametrize("at_end", [0, 3, 12])
 def test_a_machine_that_still_stands_at_the_end_of_a_pass_begins_none(tmp_path, back, at_end):
-    """It waits for the word that died with the daemon: a pass begun there was never driven, and kept the next setup from being taken."""
+    """It waits for the word that died with the daemon: a pass begun there was never driven, and
+    kept the next setup from being taken."""
     text = survey_file(back=back, setups=SETUPS) + HANDSHAKE
     first, rest = cut(tmp_path / "0001", text, driven(back=back), at_end)
     first.close("died")
@@ -72,7 +84,8 @@ def test_a_machine_that_still_stands_at_the_end_of_a_pass_begins_none(tmp_path, 
 
 
 def test_a_machine_that_still_stands_at_the_end_of_a_survey_begins_no_other(tmp_path):
-    """The survey is solved, the daemon starts again: the next one begins where the machine moves, and the word that is owed is known."""
+    """The survey is solved, the daemon starts again: the next one begins where the machine moves,
+    and the word that is owed is known."""
     text = survey_file(setups=("ppp",)) + HANDSHAKE
     events = driven(setups=("ppp", "ppp"))
     first, rest = cut(tmp_path / "0001", text, events, 3)
@@ -83,33 +96,44 @@ def test_a_machine_that_still_stands_at_the_end_of_a_survey_begins_no_other(tmp_
     second, errors = gone_on(text, begun, rest)
     assert errors == []
     assert second.owed == first.book.last_count
-    assert [(each.route.setup, each.number, each.whole) for each in second.book.passes] == [("ppp", 1, True)]
+    assert [(each.route.setup, each.number, each.whole) for each in second.book.passes] == [
+        ("ppp", 1, True)
+    ]
     assert second.book.stops == 7
 
 
 def test_the_first_stop_of_another_setup_is_taken_although_the_pass_before_was_left_open(tmp_path):
-    """The program went on without a pause: the machine stood at that stop until somebody aborted it."""
+    """The program went on without a pause: the machine stood at that stop until somebody aborted
+    it."""
     text = survey_file(setups=SETUPS) + HANDSHAKE
     program = Program(machine_of(5), faults=[Fault("left", "ppp", 1, 3)])
     for setup in SETUPS:
         program.drive(setup)
     stops = [each for each in program.stops if each.setup]
-    waits = next(at for at, each in enumerate(stops) if each.setup == NUMBERS["npp"] and each.counts)
+    waits = next(
+        at for at, each in enumerate(stops) if each.setup == NUMBERS["npp"] and each.counts
+    )
     program.stops, program.spans = stops[: waits + 1], []
     stops[waits].seconds = 6.0
     events = list(program.events())
     standing = [event for event in events if time_of(event) < time_of(events[-1]) - 2_000_000_000]
     session, _ = gone_on(text, Round(tmp_path / "0001", {}), standing)
-    assert [(each.route.setup, sorted(each.chosen())) for each in session.book.passes] == [("ppp", [0, 1, 2, 3]), ("npp", [0])]
+    assert [(each.route.setup, sorted(each.chosen())) for each in session.book.passes] == [
+        ("ppp", [0, 1, 2, 3]),
+        ("npp", [0]),
+    ]
 
 
 def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_machine(tmp_path):
-    """It shows what it showed at the end of the pass before, and the machine stands elsewhere: that is no stop taken already."""
+    """It shows what it showed at the end of the pass before, and the machine stands elsewhere: that
+    is no stop taken already."""
     text = survey_file(setups=SETUPS)
     program = Program(machine_of(5))
     for setup in SETUPS:
         program.drive(setup)
-    first = next(at for at, each in enumerate(program.stops) if each.setup == NUMBERS["npp"] and each.counts)
+    first = next(
+        at for at, each in enumerate(program.stops) if each.setup == NUMBERS["npp"] and each.counts
+    )
     program.stops[first].seconds = 2.0
     for stop in program.stops:
         stop.counts = 0
@@ -118,7 +142,10 @@ def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_m
     before.close("died")
     later = [event for event in rest if time_of(event) * 1e-9 > begins_s + 0.5]
     second, _ = gone_on(text, latest_round(tmp_path, text, {}), later)
-    assert [(each.route.setup, each.whole) for each in second.book.passes] == [("ppp", True), ("npp", True)]
+    assert [(each.route.setup, each.whole) for each in second.book.passes] == [
+        ("ppp", True),
+        ("npp", True),
+    ]
 
 
 @pytest.mark.parametrize("solved", [False, True], ids=["open", "solved"])
@@ -135,8 +162,12 @@ def test_a_survey_goes_on_with_further_setups_and_the_logs_that_exist(tmp_path, 
     assert latest_round(tmp_path, text, {}).folder == begun.folder, "it is gone on with once"
     second, errors = gone_on(text, begun, rest)
     assert errors == []
-    assert [(each.route.setup, each.whole) for each in second.book.passes] == [(setup, True) for setup in SETUPS]
+    assert [(each.route.setup, each.whole) for each in second.book.passes] == [
+        (setup, True) for setup in SETUPS
+    ]
     replayed = replay(find_logs([begun.folder]))
     assert replayed.survey.plan.all_setups == SETUPS
-    assert [(each.route.setup, each.whole) for each in replayed.book.passes] == [(setup, True) for setup in SETUPS]
+    assert [(each.route.setup, each.whole) for each in replayed.book.passes] == [
+        (setup, True) for setup in SETUPS
+    ]
     assert {name: (tmp_path / "0001" / name).read_bytes() for name in before} == before

@@ -1,4 +1,5 @@
-"""A series of positions that another program recorded: the stops of the plan, the readings of the exact machine, the same bytes again."""
+"""A series of positions that another program recorded: the stops of the plan, the readings of the
+exact machine, the same bytes again."""
 
 import struct
 
@@ -57,7 +58,8 @@ def passes_of(setup, seed=3):
 
 
 def series_of(levels_mm, rate_hz, *, noise_um=0.1, seed=1):
-    """Return positions: dwells of 1.5 s, moves of 0.8 s between them, before and after the passes the machine stands beyond their ends."""
+    """Return positions: dwells of 1.5 s, moves of 0.8 s between them, before and after the passes
+    the machine stands beyond their ends."""
     rng, parts, here = np.random.default_rng(seed), [], 0.0
     for level in levels_mm:
         move = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, int(0.8 * rate_hz)))
@@ -70,19 +72,23 @@ def series_of(levels_mm, rate_hz, *, noise_um=0.1, seed=1):
 def rtx(position, rate_hz):
     """Return a file as the public reader of the format reads it."""
     header = "HEADER::\r\nFile Type: Dynamic\r\nOwner: CARTO-Dynamic\r\nVelocity: 0\r\n"
-    header += f"Sample rate: {rate_hz}\r\nActual sample rate: {rate_hz}\r\nFlags: 0 1 2 0 2\r\nData:\r\n"
+    header += (
+        f"Sample rate: {rate_hz}\r\nActual sample rate: {rate_hz}\r\nFlags: 0 1 2 0 2\r\nData:\r\n"
+    )
     return header.encode() + struct.pack(f"<{len(position)}d", *position) + b"EOF::\r\n"
 
 
 def levels(setup):
-    """Return the levels at which the machine stands: beyond the first stop, the stops out, beyond the last, the stops back, beyond."""
+    """Return the levels at which the machine stands: beyond the first stop, the stops out, beyond
+    the last, the stops back, beyond."""
     out, back = passes_of(setup)
     return [-2.0, *out, out[-1] + 2.0, *back, back[-1] - 2.0]
 
 
 @pytest.fixture(scope="module")
 def streamed(tmp_path_factory):
-    """A whole survey of seven series, the first two as .rtx in metres at 2 kHz, the others as CSV."""
+    """A whole survey of seven series, the first two as .rtx in metres at 2 kHz, the others as
+    CSV."""
     folder = tmp_path_factory.mktemp("streamed")
     survey = folder / "survey.toml"
     survey.write_text(SURVEY, encoding="utf-8")
@@ -95,21 +101,38 @@ def streamed(tmp_path_factory):
         else:
             position = series_of(levels(setup), RATE_HZ, seed=index)
             file = folder / f"{setup}.csv"
-            rows = "".join(f"{count / RATE_HZ:.6f},{value * 1e3:.4f}\n" for count, value in enumerate(position))
+            rows = "".join(
+                f"{count / RATE_HZ:.6f},{value * 1e3:.4f}\n" for count, value in enumerate(position)
+            )
             file.write_text("time_s,position\n" + rows, encoding="utf-8")
             unit = "um"
-        code, out, refusal = stepdiag("stream", survey, setup, file, "--unit", unit, "--began", f"2026-10-05T{8 + index:02d}:00:00")
+        code, out, refusal = stepdiag(
+            "stream",
+            survey,
+            setup,
+            file,
+            "--unit",
+            unit,
+            "--began",
+            f"2026-10-05T{8 + index:02d}:00:00",
+        )
         assert code == 0, refusal or out
     return folder
 
 
 def test_every_stop_of_the_survey_is_the_exact_machines(streamed, tmp_path):
-    (logs,) = (streamed / "surveys").rglob("0001") if (streamed / "surveys").exists() else [next(streamed.rglob("0001"))]
+    (logs,) = (
+        (streamed / "surveys").rglob("0001")
+        if (streamed / "surveys").exists()
+        else [next(streamed.rglob("0001"))]
+    )
     code, out, refusal = stepdiag("solve", logs, "--out", tmp_path / "result.json")
     assert code in (0, 3), refusal or out
     code, out, refusal = stepdiag("replay", logs, "--out", tmp_path / "again")
     assert code in (0, 3), refusal or out
-    readings = parse_readings((tmp_path / "again" / "readings.csv").read_text(encoding="utf-8"), "readings.csv")
+    readings = parse_readings(
+        (tmp_path / "again" / "readings.csv").read_text(encoding="utf-8"), "readings.csv"
+    )
     assert len(readings) == 2 * (4 * (3 * N + 1) + 3 * (N + 1))
     for key, rows in readings.passes().items():
         exact = passes_of(key.setup)[key.number - 1]
@@ -143,7 +166,10 @@ def test_a_survey_of_another_laser_is_refused_with_what_to_write(tmp_path, befor
     assert "[laser.line]" in refusal
 
 
-@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=50), st.sampled_from([10.0, 1000.0, 50000.0]))
+@given(
+    st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=50),
+    st.sampled_from([10.0, 1000.0, 50000.0]),
+)
 def test_an_rtx_file_gives_its_numbers_back(position, rate_hz):
     found = parse_rtx(rtx(position, rate_hz), "um", "a.rtx")
     assert found.rate_hz == rate_hz
@@ -156,7 +182,9 @@ def test_a_cut_rtx_file_is_refused(cut):
         parse_rtx(rtx(np.arange(40.0), 1000.0)[:cut], "mm", "a.rtx")
 
 
-@pytest.mark.parametrize("rows", ["0,1\n0.1,2\n0.3,3\n0.4,3\n", "0,1\n0,2\n", "0.2,1\n0.1,2\n", "0,1\n0.1,x\n", "0,1\n"])
+@pytest.mark.parametrize(
+    "rows", ["0,1\n0.1,2\n0.3,3\n0.4,3\n", "0,1\n0,2\n", "0.2,1\n0.1,2\n", "0,1\n0.1,x\n", "0,1\n"]
+)
 def test_a_csv_series_with_a_gap_or_without_numbers_is_refused(rows):
     with pytest.raises(DataError):
         parse_csv_series("time_s,position\n" + rows, "mm", "a.csv")

@@ -60,7 +60,9 @@ def test_a_loss_is_told_after_the_bytes_that_came_before_it(pty, monkeypatch):
         wait_until(lambda: any(map(lost, events)))
 
     async def run():
-        links = SurveyLinks(parse_survey(SURVEY.format(laser=pty.name, plc=nobody()), "survey.toml"), events.append)
+        links = SurveyLinks(
+            parse_survey(SURVEY.format(laser=pty.name, plc=nobody()), "survey.toml"), events.append
+        )
         task = asyncio.create_task(links.run())
         await asyncio.to_thread(pulled, links)
         task.cancel()

@@ -1,4 +1,5 @@
-"""A machine with backlash that turns round at the end of a pass: what it reads there, and from which side each axis has come."""
+"""A machine with backlash that turns round at the end of a pass: what it reads there, and from
+which side each axis has come."""
 
 from dataclasses import replace
 
@@ -34,7 +35,8 @@ class TurningRound(Program):
     """Drives out with an overrun and back without: at its last stop it dwells once."""
 
     def stands(self, count, number):
-        """Return the stops of a pass in the order in which the machine stands at them; None where it drives as the program does."""
+        """Return the stops of a pass in the order in which the machine stands at them; None where
+        it drives as the program does."""
         return range(1, count) if number == 2 else None
 
     def _pass(self, setup, driven, number, how):
@@ -47,7 +49,9 @@ class TurningRound(Program):
         last = position[0]
         for here in position[list(stands)]:
             side = np.where(here != last, np.sign(here - last), side)
-            read = self.machine.indicated_mm(aligned_setup(self.machine, self.box, driven, how), here[None], direction=side[None])
+            read = self.machine.indicated_mm(
+                aligned_setup(self.machine, self.box, driven, how), here[None], direction=side[None]
+            )
             self._stand(here, read[0], setup=NUMBERS[setup])
             last = here
 
@@ -67,11 +71,14 @@ class GoingBack(TurningRound):
 
 
 def measured(folder, *, program=Program, signals="", setups=SETUPS, faults=()):
-    """Return the session of a survey there and back, and the codes of what it found, remarks left out."""
+    """Return the session of a survey there and back, and the codes of what it found, remarks left
+    out."""
     drive = program(loose(), back=True, faults=faults)
     for setup in setups:
         drive.drive(setup)
-    session, found = recorded(folder, survey_file(back=True, setups=setups, signals=signals), drive.events(), Nowhere())
+    session, found = recorded(
+        folder, survey_file(back=True, setups=setups, signals=signals), drive.events(), Nowhere()
+    )
     return session, {each.code for each in found if each.severity != "info"}
 
 
@@ -81,8 +88,11 @@ def backlash(session):
 
 @pytest.mark.parametrize("signals", [COUNTED, STOPPED], ids=["counted", "stopped"])
 @pytest.mark.parametrize("program", [TurningRound, TurningTwice])
-def test_who_turns_round_at_a_stop_has_each_axis_on_its_side_until_it_moves(tmp_path, program, signals):
-    """Taken as a way back, the first stops give half of the true backlash, with a u of a tenth of it."""
+def test_who_turns_round_at_a_stop_has_each_axis_on_its_side_until_it_moves(
+    tmp_path, program, signals
+):
+    """Taken as a way back, the first stops give half of the true backlash, with a u of a tenth of
+    it."""
     session, codes = measured(tmp_path, program=program, signals=signals)
     assert session.book.complete(), session.book.doubts()
     assert codes - {"signals-absent"} == {"turned-round"}
@@ -103,9 +113,14 @@ def test_who_goes_beyond_the_stop_and_comes_back_says_nothing(tmp_path):
     ids=["unseen", "not-driven"],
 )
 @pytest.mark.parametrize("signals", ["", COUNTED], ids=["all", "counted"])
-def test_the_first_stop_of_the_way_back_is_not_the_last_one_of_the_way_out(tmp_path, kind, code, text, signals):
-    """The machine came back to it from the other side: it is taken from the laser and doubted, or asked for."""
-    session, codes = measured(tmp_path, setups=("ppp",), signals=signals, faults=[Fault(kind, "ppp", 2, 0)])
+def test_the_first_stop_of_the_way_back_is_not_the_last_one_of_the_way_out(
+    tmp_path, kind, code, text, signals
+):
+    """The machine came back to it from the other side: it is taken from the laser and doubted, or
+    asked for."""
+    session, codes = measured(
+        tmp_path, setups=("ppp",), signals=signals, faults=[Fault(kind, "ppp", 2, 0)]
+    )
     out, back = session.book.passes
     assert out.complete
     assert not back.complete
@@ -115,7 +130,9 @@ def test_the_first_stop_of_the_way_back_is_not_the_last_one_of_the_way_out(tmp_p
 
 
 @pytest.mark.parametrize("signals", ["", COUNTED, STOPPED], ids=["all", "counted", "stopped"])
-def test_what_is_driven_again_without_an_overrun_is_doubted_until_every_axis_has_moved(tmp_path, signals):
+def test_what_is_driven_again_without_an_overrun_is_doubted_until_every_axis_has_moved(
+    tmp_path, signals
+):
     """Stop 1 was come to from beyond by X, Y and Z: Y moves to stop 2, Z to stop 3, X to stop 4."""
     session, _ = measured(tmp_path, program=GoingBack, setups=("ppp",), signals=signals)
     out = session.book.passes[0]
@@ -124,17 +141,34 @@ def test_what_is_driven_again_without_an_overrun_is_doubted_until_every_axis_has
 
 
 def test_the_turn_joins_no_counts_and_says_its_side_whatever_becomes_of_the_way_out(tmp_path):
-    """Its axes stood on the other side: measured again, it differs by the backlash, which is no slip and no loss of the count."""
+    """Its axes stood on the other side: measured again, it differs by the backlash, which is no
+    slip and no loss of the count."""
     session, _ = measured(tmp_path, program=TurningRound, setups=("ppp",))
     out, back = (list(each.chosen().values()) for each in session.book.passes)
     apart = structs.replace(back[0], turned=False, reading_mm=back[0].reading_mm - 0.004)
-    unseen = structs.replace(back[1], unwatched="nobody looked", doubts=(Remark("stop-doubtful", "so the way back is driven again"),))
+    unseen = structs.replace(
+        back[1],
+        unwatched="nobody looked",
+        doubts=(Remark("stop-doubtful", "so the way back is driven again"),),
+    )
     book = PassBook(session.survey)
-    book.add_all([*out, back[0], unseen, *back[2:], apart, *(structs.replace(stop, unwatched="") for stop in back[1:])])
+    book.add_all(
+        [
+            *out,
+            back[0],
+            unseen,
+            *back[2:],
+            apart,
+            *(structs.replace(stop, unwatched="") for stop in back[1:]),
+        ]
+    )
     readings = tabulate(session.survey, book.passes)
     assert len(set(readings.zero.tolist())) == 2, "what was driven again has a zero of its own"
     assert "reading-differs" not in {each.code for each in book.news()}
     kept = tabulate(session.survey, session.book.passes[1:])
     assert kept.turned.tolist() == [True, *[False] * (len(back) - 1)]
     assert render_readings(kept).splitlines()[0].endswith(",turned")
-    assert parse_readings(render_readings(kept), "readings.csv").turned.tolist() == kept.turned.tolist()
+    assert (
+        parse_readings(render_readings(kept), "readings.csv").turned.tolist()
+        == kept.turned.tolist()
+    )

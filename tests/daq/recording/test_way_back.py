@@ -1,4 +1,5 @@
-"""A daemon that starts while the machine is on its way back, with positions and without a counter: the laser shows which way it goes."""
+"""A daemon that starts while the machine is on its way back, with positions and without a counter:
+the laser shows which way it goes."""
 
 import bisect
 import functools
@@ -18,7 +19,8 @@ STOPS, PASSES = 5, 4
 TURN, END = STOPS, 2 * STOPS - 1
 PLACED = STOPPED + '[plc.signals.setup]\naddress = 3\ntype = "uint16"\n'
 PLACED += "".join(
-    f'[plc.signals.{name}]\naddress = {at}\ntype = "int32"\nscale = 1e-4\n' for name, at in (("x_mm", 4), ("y_mm", 6), ("z_mm", 8))
+    f'[plc.signals.{name}]\naddress = {at}\ntype = "int32"\nscale = 1e-4\n'
+    for name, at in (("x_mm", 4), ("y_mm", 6), ("z_mm", 8))
 )
 NOT_YET = -1
 """The daemon before saw no stop at all."""
@@ -27,12 +29,15 @@ ON_THE_WAY_S, STANDING_S = -0.15, 0.1
 
 @functools.cache
 def bench():
-    """Return the events of two surveys of one run there and back, and the (arrival, departure) of each of their stops in seconds."""
+    """Return the events of two surveys of one run there and back, and the (arrival, departure) of
+    each of their stops in seconds."""
     program = Program(machine_of(5), back=True, n=STOPS - 1)
     for _ in range(2):
         program.drive("linear-x")
     times = Timeline(program.stops, move_s=0.3).schedule()
-    return list(program.events()), [times[index] for index, each in enumerate(program.stops) if each.counts]
+    return list(program.events()), [
+        times[index] for index, each in enumerate(program.stops) if each.counts
+    ]
 
 
 def follow(session, from_s, to_s):
@@ -42,11 +47,15 @@ def follow(session, from_s, to_s):
 
 
 def driven_again(folder, seen, back_at, again, comes_s=ON_THE_WAY_S):
-    """Return the session of a daemon that comes back at a stop of the way back; afterwards the way out is driven again from a stop on.
+    """Return the session of a daemon that comes back at a stop of the way back; afterwards the way
+    out is driven again from a stop on.
 
     ``seen`` is the last stop that the daemon before saw.
     """
-    stands, text = bench()[1], survey_file(back=True, n=STOPS - 1, setups=("linear-x",), signals=PLACED)
+    stands, text = (
+        bench()[1],
+        survey_file(back=True, n=STOPS - 1, setups=("linear-x",), signals=PLACED),
+    )
     survey = parse_survey(text, "survey.toml")
     more = {"on_outcome": lambda _: None, "wall_offset_ns": lambda: WALL_OFFSET_NS}
     first = Session(survey, text, Round(folder, {}), Nowhere(), **more)
@@ -60,10 +69,17 @@ def driven_again(folder, seen, back_at, again, comes_s=ON_THE_WAY_S):
 
 
 def of_the_other_direction(each):
-    """Return the stops of a pass that were driven in the other direction; the first one may be the last of the pass before."""
+    """Return the stops of a pass that were driven in the other direction; the first one may be the
+    last of the pass before."""
     wrong = []
     for index, stop in each.chosen().items():
-        at = bisect.bisect([begin for begin, _ in bench()[1]], (stop.window_from_ns + stop.window_to_ns) * 0.5e-9) - 1
+        at = (
+            bisect.bisect(
+                [begin for begin, _ in bench()[1]],
+                (stop.window_from_ns + stop.window_to_ns) * 0.5e-9,
+            )
+            - 1
+        )
         number, driven = divmod(at, STOPS)
         if (number + 1 - each.number) % 2 and not (index == 0 and driven == STOPS - 1):
             wrong.append(index)
@@ -83,7 +99,11 @@ def of_the_other_direction(each):
 )
 def test_a_stop_of_the_way_back_in_the_way_out_is_doubted(tmp_path, seen, back_at, again, comes_s):
     """Its backlash is in the reading; place and step alone are those of the way out."""
-    (one,) = [each for each in driven_again(tmp_path, seen, back_at, again, comes_s).book.passes if each.whole]
+    (one,) = [
+        each
+        for each in driven_again(tmp_path, seen, back_at, again, comes_s).book.passes
+        if each.whole
+    ]
     assert (wrong := of_the_other_direction(one)), "the bench drives it so that one enters"
     assert set(wrong) <= {doubt.stop for doubt in one.open_doubts() if doubt.code == "other-side"}
 
@@ -99,6 +119,11 @@ def test_driven_again_from_the_first_stop_the_pass_is_whole_and_undoubted(tmp_pa
 def test_a_survey_there_and_back_that_nobody_disturbs_has_no_stop_from_the_other_side(tmp_path):
     text = survey_file(back=True, n=STOPS - 1, setups=("linear-x",), signals=PLACED)
     more = {"on_outcome": lambda _: None, "wall_offset_ns": lambda: WALL_OFFSET_NS}
-    session = Session(parse_survey(text, "survey.toml"), text, Round(tmp_path, {}), Nowhere(), **more)
+    session = Session(
+        parse_survey(text, "survey.toml"), text, Round(tmp_path, {}), Nowhere(), **more
+    )
     follow(session, 0.0, bench()[1][END][1] + 0.6)
-    assert [(each.number, each.whole, each.open_doubts()) for each in session.book.passes] == [(1, True, ()), (2, True, ())]
+    assert [(each.number, each.whole, each.open_doubts()) for each in session.book.passes] == [
+        (1, True, ()),
+        (2, True, ()),
+    ]

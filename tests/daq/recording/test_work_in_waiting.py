@@ -1,4 +1,5 @@
-"""While the machine is under way nobody looks at the samples: they are decoded many chunks at once, and none is missing afterwards."""
+"""While the machine is under way nobody looks at the samples: they are decoded many chunks at once,
+and none is missing afterwards."""
 
 import struct
 from pathlib import Path
@@ -32,23 +33,39 @@ port = "/dev/null"
 
 
 def test_chunks_wait_for_their_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A chunk every 2 ms and a poll every 20 ms: fewer than a tenth of the chunks are decoded on their own."""
+    """A chunk every 2 ms and a poll every 20 ms: fewer than a tenth of the chunks are decoded on
+    their own."""
     calls = []
     for name in ("feed", "feed_steady"):
         original = getattr(UmdDecoder, name)
-        monkeypatch.setattr(UmdDecoder, name, lambda self, *given, original=original: calls.append(1) or original(self, *given))
+        monkeypatch.setattr(
+            UmdDecoder,
+            name,
+            lambda self, *given, original=original: calls.append(1) or original(self, *given),
+        )
     session = Session(
-        parse_survey(SURVEY, "s"), SURVEY, Round(Path("nowhere"), {}), Nowhere(), on_outcome=lambda _: None,
+        parse_survey(SURVEY, "s"),
+        SURVEY,
+        Round(Path("nowhere"), {}),
+        Nowhere(),
+        on_outcome=lambda _: None,
         wall_offset_ns=lambda: WALL_OFFSET_NS,
-    )  # fmt: skip
+    )
     board = UmdBoard(BOARDS["umd2"], rate_hz=500.0)
     noise = np.random.default_rng(1).normal(0.0, 2e-5, (500 * SECONDS, 1))
     chunks = [
-        Chunk("laser", (2 * number + 1) * MS, board.encode(100.0 + noise[number], np.ones(1, dtype=bool)))
+        Chunk(
+            "laser",
+            (2 * number + 1) * MS,
+            board.encode(100.0 + noise[number], np.ones(1, dtype=bool)),
+        )
         for number in range(500 * SECONDS)
     ]
     registers = struct.pack(">HHHHiiiHHHH", 0, 0, 2, 1, 0, 0, 0, 2000, 2000, 10130, 500)
-    polls = [ModbusBlock(20 * number * MS, 20 * number * MS + 500_000, BLOCK, (registers,)) for number in range(1, 50 * SECONDS)]
+    polls = [
+        ModbusBlock(20 * number * MS, 20 * number * MS + 500_000, BLOCK, (registers,))
+        for number in range(1, 50 * SECONDS)
+    ]
     first = len(chunks) // 4
     events = sorted([*chunks, *polls], key=arrival)
     for event in events[: len(events) // 4]:

@@ -12,16 +12,39 @@ from testkit.timeline import survey_text
 
 def test_a_stop_that_is_doubted_for_two_reasons_is_one_place(tmp_path):
     text, stops = survey_text(), stops_of()
-    stops[6] = marked(marked(stops[6], message("window-step", step_um=4.0)), message("machine-alarm", time="12:00:00"))
+    stops[6] = marked(
+        marked(stops[6], message("window-step", step_um=4.0)),
+        message("machine-alarm", time="12:00:00"),
+    )
     begun = Round(tmp_path, {}, stops=tuple(stops))
-    session = Session(parse_survey(text, "survey.toml"), text, begun, Nowhere(), on_outcome=lambda _: None, wall_offset_ns=lambda: 0)
+    session = Session(
+        parse_survey(text, "survey.toml"),
+        text,
+        begun,
+        Nowhere(),
+        on_outcome=lambda _: None,
+        wall_offset_ns=lambda: 0,
+    )
     assert len(session.book.doubts()) == 2
-    assert str(_idle(session, "ppp")) == "doubted: ppp/1/6; waiting for the program of ppp, or for a person to accept"
+    assert (
+        str(_idle(session, "ppp"))
+        == "doubted: ppp/1/6; waiting for the program of ppp, or for a person to accept"
+    )
 
 
 def test_a_wrong_line_is_to_be_corrected_before_anything_is_driven_again(tmp_path):
     text, begun = survey_text(), Round(tmp_path, {})
-    session = Session(parse_survey(text, "survey.toml"), text, begun, Nowhere(), on_outcome=lambda _: None, wall_offset_ns=lambda: 0)
+    session = Session(
+        parse_survey(text, "survey.toml"),
+        text,
+        begun,
+        Nowhere(),
+        on_outcome=lambda _: None,
+        wall_offset_ns=lambda: 0,
+    )
     session.book.wrong_line = "laser.latency_s"
-    wanted = "laser.latency_s of the survey file is wrong: correct the file; no pass has to be driven again for it"
+    wanted = (
+        "laser.latency_s of the survey file is wrong: correct the file; no pass has to be driven "
+        "again for it"
+    )
     assert str(_idle(session, "ppp")) == wanted

@@ -1,4 +1,5 @@
-"""Another plan in a survey file: what a person wrote around it stays, and what cannot be written is refused."""
+"""Another plan in a survey file: what a person wrote around it stays, and what cannot be written is
+refused."""
 
 import msgspec
 import pytest
@@ -30,9 +31,15 @@ PLANS = st.builds(
         setups=tuple(setups),
         repeats=repeats,
         return_pass=back,
-        beam_offset=tuple(BeamOffset(setup=setup, offset_mm=(0.0, at, 0.0)) for setup, at in shifted),
+        beam_offset=tuple(
+            BeamOffset(setup=setup, offset_mm=(0.0, at, 0.0)) for setup, at in shifted
+        ),
     ),
-    st.lists(st.sampled_from(["ppp", "npp", "pnp", "ppn", "linear-x", "linear-y"]), min_size=1, unique=True),
+    st.lists(
+        st.sampled_from(["ppp", "npp", "pnp", "ppn", "linear-x", "linear-y"]),
+        min_size=1,
+        unique=True,
+    ),
     st.integers(1, 5),
     st.booleans(),
     st.lists(st.tuples(st.sampled_from(["ppp", "ppn"]), st.sampled_from([40.0, -0.5])), max_size=3),
@@ -45,7 +52,11 @@ PLANS = st.builds(
 def test_the_plan_is_the_one_given_and_all_else_is_as_it_was(text: str, plan: Plan) -> None:
     before = parse_survey(text, "survey.toml")
     plan = msgspec.structs.replace(
-        before.plan, **{name: getattr(plan, name) for name in ("setups", "repeats", "return_pass", "beam_offset")}
+        before.plan,
+        **{
+            name: getattr(plan, name)
+            for name in ("setups", "repeats", "return_pass", "beam_offset")
+        },
     )
     amended = with_plan(text, plan, "survey.toml")
     assert parse_survey(amended, "survey.toml") == msgspec.structs.replace(before, plan=plan)

@@ -26,23 +26,49 @@ LENGTH = st.floats(20.0, 5000.0)
 )
 def test_every_answer_that_can_be_given_is_read_back(machine, size, control, form, port):
     answers = Answers(
-        name="mill", machine=machine, size_mm=size, laser_port="/dev/ttyUSB0", laser_format=form, control=control, host="h", tcp_port=port
+        name="mill",
+        machine=machine,
+        size_mm=size,
+        laser_port="/dev/ttyUSB0",
+        laser_format=form,
+        control=control,
+        host="h",
+        tcp_port=port,
     )
     survey = parse_survey(composed(answers, "mill.toml"), "mill.toml")
-    assert (survey.identity.machine, survey.box.size_mm, survey.laser.format) == (machine, size, form)
+    assert (survey.identity.machine, survey.box.size_mm, survey.laser.format) == (
+        machine,
+        size,
+        form,
+    )
     assert survey.plc.silent == (control == "none")
     if control != "none":
         assert survey.plc.port == (port or None)
-    assert survey.environment.source == ("laser" if form in ("ids3010", "lasertex") else "plc" if control == "modbus" else "fixed")
+    assert survey.environment.source == (
+        "laser" if form in ("ids3010", "lasertex") else "plc" if control == "modbus" else "fixed"
+    )
     assert survey.laser.baud == (3_000_000 if form == "lasertex" else 115200)
 
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("machine", "two\nlines"), ("chain", "XYZ"), ("size_mm", (0.5, 0.4, 0.3)), ("laser_port", ""), ("control", "../../x")],
+    [
+        ("machine", "two\nlines"),
+        ("chain", "XYZ"),
+        ("size_mm", (0.5, 0.4, 0.3)),
+        ("laser_port", ""),
+        ("control", "../../x"),
+    ],
 )
 def test_an_answer_that_no_survey_can_have_is_refused(field, value):
-    answers = {"name": "s", "machine": "m", "size_mm": (1e3, 1e3, 1e3), "laser_port": "p", "laser_format": "umd", "control": "none"}
+    answers = {
+        "name": "s",
+        "machine": "m",
+        "size_mm": (1e3, 1e3, 1e3),
+        "laser_port": "p",
+        "laser_format": "umd",
+        "control": "none",
+    }
     with pytest.raises(UsageError):
         composed(Answers(**answers | {field: value}), "s.toml")
 
@@ -51,7 +77,15 @@ def test_an_answer_that_no_survey_can_have_is_refused(field, value):
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_a_class_of_machine_reaches_both_files(name, feedback):
     usual = MachineClass(name=name, feedback=feedback, pitch_mm=16)
-    answers = Answers(name="s", machine="m", size_mm=(1e3, 1e3, 1e3), laser_port="p", laser_format="umd", control="none", usual=usual)
+    answers = Answers(
+        name="s",
+        machine="m",
+        size_mm=(1e3, 1e3, 1e3),
+        laser_port="p",
+        laser_format="umd",
+        control="none",
+        usual=usual,
+    )
     for text in (begun(usual, "s.toml"), composed(answers, "s.toml")):
         section = parse_survey(text, "s.toml").uncertainty
         assert (section.machine_class, section.feedback, section.pitch_mm) == (name, feedback, 16.0)
@@ -60,7 +94,14 @@ def test_a_class_of_machine_reaches_both_files(name, feedback):
 
 def test_a_new_survey_alternates_its_orders_and_has_fine_irregular_runs():
     """By `init` and by the wizard; a file without these lines is driven as before."""
-    answers = Answers(name="a", machine="m", size_mm=(500.0, 400.0, 300.0), laser_port="/dev/x", laser_format="umd", control="none")
+    answers = Answers(
+        name="a",
+        machine="m",
+        size_mm=(500.0, 400.0, 300.0),
+        laser_port="/dev/x",
+        laser_format="umd",
+        control="none",
+    )
     for text in (begun(MachineClass(), "s.toml"), composed(answers, "s.toml")):
         survey = parse_survey(text, "s.toml")
         assert survey.plan.axis_orders == ("xyz", "yzx", "zxy")
@@ -73,7 +114,11 @@ def test_a_new_survey_alternates_its_orders_and_has_fine_irregular_runs():
 def test_the_increments_offered_are_whole_micrometres_and_in_step_with_no_screw(size, pitch_mm):
     offered = increments_for(size, pitch_mm)
     steps = [edge_mm / offered for edge_mm in size]
-    others = [n for n in range(8, 21) if all(round(edge_mm / n, 3) == pytest.approx(edge_mm / n, abs=1e-9) for edge_mm in size)]
+    others = [
+        n
+        for n in range(8, 21)
+        if all(round(edge_mm / n, 3) == pytest.approx(edge_mm / n, abs=1e-9) for edge_mm in size)
+    ]
     assert others == [] or offered in others
     beside = [n for n in others if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in size)]
     assert beside == [] or not any(in_step(step_mm, pitch_mm) for step_mm in steps)

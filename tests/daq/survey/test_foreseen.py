@@ -29,13 +29,18 @@ def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
     assert "return_pass = true" in said.text
 
 
-@pytest.mark.parametrize("text", [survey_text(setups=FOUR, back=True), TWICE, survey_text(setups=("linear-x",))])
+@pytest.mark.parametrize(
+    "text", [survey_text(setups=FOUR, back=True), TWICE, survey_text(setups=("linear-x",))]
+)
 def test_nothing_is_said_where_a_slip_shows_or_no_diagonal_is_driven(text):
     assert not list(hidden_slip(parse_survey(text, "survey.toml")))
 
 
 def with_pitch(pitch_mm, size_mm, n, feedback="screw"):
-    text = survey_text(n=n, setups=FOUR) + f'[uncertainty]\nfeedback = "{feedback}"\npitch_mm = {pitch_mm!r}\n'
+    text = (
+        survey_text(n=n, setups=FOUR)
+        + f'[uncertainty]\nfeedback = "{feedback}"\npitch_mm = {pitch_mm!r}\n'
+    )
     survey = parse_survey(text, "survey.toml")
     return msgspec.structs.replace(survey, box=msgspec.structs.replace(survey.box, size_mm=size_mm))
 
@@ -43,17 +48,24 @@ def with_pitch(pitch_mm, size_mm, n, feedback="screw"):
 def test_targets_a_whole_number_of_turns_apart_are_named():
     (said,) = hidden_waves(with_pitch(10.0, (500.0, 430.0, 350.0), 10))
     assert (said.code, said.severity) == ("plan-hides", "info")
-    assert "steps of x 50 mm, z 35 mm do not show waves of the screw's pitch of 10 mm; increments = 11 shows them" in said.text
+    assert (
+        "steps of x 50 mm, z 35 mm do not show waves of the screw's pitch of 10 mm; increments = "
+        "11 shows them" in said.text
+    )
 
 
 def test_runs_with_targets_of_their_own_show_the_waves_of_their_axis():
     survey = with_pitch(10.0, (500.0, 430.0, 350.0), 10)
-    fine = msgspec.structs.replace(survey, plan=msgspec.structs.replace(survey.plan, setups=(*FOUR, "linear-x"), targets=40))
+    fine = msgspec.structs.replace(
+        survey, plan=msgspec.structs.replace(survey.plan, setups=(*FOUR, "linear-x"), targets=40)
+    )
     (said,) = hidden_waves(fine)
     assert "steps of z 35 mm do not show" in said.text
 
 
-@pytest.mark.parametrize(("size_mm", "feedback"), [((430.0, 430.0, 430.0), "screw"), ((500.0, 500.0, 500.0), "scale")])
+@pytest.mark.parametrize(
+    ("size_mm", "feedback"), [((430.0, 430.0, 430.0), "screw"), ((500.0, 500.0, 500.0), "scale")]
+)
 def test_other_steps_and_scales_are_not_named(size_mm, feedback):
     assert not list(hidden_waves(with_pitch(10.0, size_mm, 10, feedback)))
 
@@ -72,15 +84,26 @@ def test_the_advised_number_of_increments_shows_the_waves(pitch_mm, edge_mm, n):
 @pytest.mark.parametrize(
     ("head", "turns", "runs"),
     [
-        ('format = "fourdof"\nid = "A"\ncalibration = "a.toml"\n', "EBX ECX EAY ECY EAZ EBZ", "xyz"),
+        (
+            'format = "fourdof"\nid = "A"\ncalibration = "a.toml"\n',
+            "EBX ECX EAY ECY EAZ EBZ",
+            "xyz",
+        ),
         ('format = "tqd"\nid = "A"\ncalibration = "a.toml"\n', "", ""),
-        ('format = "elcomat"\n[head.angles]\nx = ["+B", "-C"]\nz = ["+A"]\nu_urad = 0.2\n', "EBX ECX EAZ", "xz"),
+        (
+            'format = "elcomat"\n[head.angles]\nx = ["+B", "-C"]\nz = ["+A"]\nu_urad = 0.2\n',
+            "EBX ECX EAZ",
+            "xz",
+        ),
         ('format = "wyler"\n[head.angles]\nx = ["+A"]\nu_urad = 2.0\n', "EAX", "x"),
     ],
 )
 def test_the_plan_counts_what_the_instrument_of_the_survey_measures(head, turns, runs):
-    """An autocollimator or a level along the axes that the file names; a quadrant detector alone measures no angle."""
-    survey = parse_survey(survey_text(setups=FOUR) + f'[head]\nport = "/dev/null1"\n{head}', "survey.toml")
+    """An autocollimator or a level along the axes that the file names; a quadrant detector alone
+    measures no angle."""
+    survey = parse_survey(
+        survey_text(setups=FOUR) + f'[head]\nport = "/dev/null1"\n{head}', "survey.toml"
+    )
     about = circumstances(survey)
     assert about.head_turns == tuple(turns.split())
     measured = [run for run in offered(survey.planned, about) if run.is_fourdof]

@@ -1,4 +1,5 @@
-"""A stream gives the same whenever somebody looks at it: what is decoded together is what would have been decoded alone."""
+"""A stream gives the same whenever somebody looks at it: what is decoded together is what would
+have been decoded alone."""
 
 import numpy as np
 import pytest
@@ -24,7 +25,9 @@ PIECES = st.one_of(
     st.tuples(st.just("lost"), st.integers(1, 3)),
     st.tuples(st.just("gap"), st.integers(1, 5)),
     st.tuples(st.just("rate"), st.sampled_from([50000, 100000])),
-    st.tuples(st.sampled_from(["garbage", "banner", "again", "restart", "environment"]), st.just(0)),
+    st.tuples(
+        st.sampled_from(["garbage", "banner", "again", "restart", "environment"]), st.just(0)
+    ),
 )
 
 
@@ -69,11 +72,23 @@ def seen(buffer, to_ns):
     """Return all that anybody can see of a stream."""
     span = buffer.span(0, to_ns)
     columns = [column.tolist() for column in (span.time_ns, span.position_mm)]
-    return columns, span.unusable, buffer.flags(0, to_ns).tolist(), buffer.breaks, buffer.samples, buffer.garbage, buffer.newest_ns()
+    return (
+        columns,
+        span.unusable,
+        buffer.flags(0, to_ns).tolist(),
+        buffer.breaks,
+        buffer.samples,
+        buffer.garbage,
+        buffer.newest_ns(),
+    )
 
 
 @few(50)
-@given(st.lists(PIECES, min_size=1, max_size=12), st.lists(st.integers(1, 400), min_size=1, max_size=5), st.integers(2, 40))
+@given(
+    st.lists(PIECES, min_size=1, max_size=12),
+    st.lists(st.integers(1, 400), min_size=1, max_size=5),
+    st.integers(2, 40),
+)
 def test_looking_changes_nothing(pieces, sizes, every):
     """One buffer is looked at after every chunk, one now and then, one only at the end."""
     chunks = chunks_of(stream(pieces), sizes)
@@ -90,7 +105,8 @@ def test_looking_changes_nothing(pieces, sizes, every):
 
 
 def test_many_chunks_are_taken_at_once():
-    """The shortcut is really taken on a plain stream, and refused, with nothing taken, where a line is odd."""
+    """The shortcut is really taken on a plain stream, and refused, with nothing taken, where a line
+    is odd."""
     decoder = UmdDecoder(UmdSettings())
     decoder.feed(b"".join(START), 0)
     batch = decoder.feed_steady([(line(3) + line(4)[:9], 20 * MS), (line(4)[9:], 40 * MS)])
@@ -108,7 +124,9 @@ def test_what_is_forgotten_does_not_depend_on_looking():
     for buffer in (looked, left):
         buffer.feed(b"".join(START), 0)
     for chunk in range(MEMORY_SAMPLES // block + 40):
-        data = b"".join(b"20000 20000 1 0 0 %d 0 0\r\n" % number for number in range(first, first + block))
+        data = b"".join(
+            b"20000 20000 1 0 0 %d 0 0\r\n" % number for number in range(first, first + block)
+        )
         first += block
         for buffer in (looked, left):
             buffer.feed(data[: len(data) // 2], (2 * chunk + 1) * 20 * MS)
@@ -130,7 +148,8 @@ UNCOUNTED = LineSettings(pattern=r"(?P<position>[-+.0-9]+) [0-9]+", rate_hz=100.
 @pytest.mark.parametrize("settings", [COUNTED, UNCOUNTED], ids=["counted", "uncounted"])
 @pytest.mark.parametrize("away_ms", [0, 50, 300])
 def test_a_line_that_was_lost_is_a_time_when_the_laser_was_unwatched(settings, away_ms):
-    """However short, and with a counter too: a beam that is cut meanwhile and comes back leaves no trace."""
+    """However short, and with a counter too: a beam that is cut meanwhile and comes back leaves no
+    trace."""
     buffer = StreamBuffer(LineDecoder(settings))
     for number in range(40):
         if number == 20:
@@ -138,5 +157,7 @@ def test_a_line_that_was_lost_is_a_time_when_the_laser_was_unwatched(settings, a
             buffer.feed(b"cut\n", (number * 10 + away_ms) * MS)
         if not 20 <= number < 20 + away_ms // 10:
             buffer.feed(b"1.5 %d\n" % number, number * 10 * MS)
-    assert [str(each.reason) for each in buffer.breaks if not each.watched] == ["the line was lost for a moment"]
+    assert [str(each.reason) for each in buffer.breaks if not each.watched] == [
+        "the line was lost for a moment"
+    ]
     assert [each.reason for each in buffer.breaks if each.watched] == []

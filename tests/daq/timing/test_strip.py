@@ -12,9 +12,12 @@ def batch(values: list[float], arrival_ns: int) -> Samples:
     """Return samples that came with one chunk."""
     count = len(values)
     return Samples(
-        counter=np.arange(count), position_mm=np.array(values), beam=np.ones(count),
-        flags=np.zeros(count, dtype=np.uint16), arrival_ns=np.full(count, arrival_ns),
-    )  # fmt: skip
+        counter=np.arange(count),
+        position_mm=np.array(values),
+        beam=np.ones(count),
+        flags=np.zeros(count, dtype=np.uint16),
+        arrival_ns=np.full(count, arrival_ns),
+    )
 
 
 def test_every_extreme_is_kept() -> None:
@@ -25,7 +28,9 @@ def test_every_extreme_is_kept() -> None:
         values[number] = 5.0 if number == 7 else 0.1
         strip.add(batch(values, number * BIN_NS))
     assert max(high for _, _, high in strip.bins) == 5.0
-    assert [number for number, _, _ in strip.bins] == sorted({number for number, _, _ in strip.bins})
+    assert [number for number, _, _ in strip.bins] == sorted(
+        {number for number, _, _ in strip.bins}
+    )
 
 
 def test_a_batch_counts_once_and_old_ones_go() -> None:

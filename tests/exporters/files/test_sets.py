@@ -1,4 +1,5 @@
-"""Sets of files: there whole or not at all, whoever is killed, whoever else writes, and refused when somebody has touched them."""
+"""Sets of files: there whole or not at all, whoever is killed, whoever else writes, and refused
+when somebody has touched them."""
 
 import hashlib
 import os
@@ -16,7 +17,12 @@ from stepdiag.exporters.files.sets import SUMS, read_given, read_set, whole, wri
 
 def files(value: int, count: int = 5) -> tuple[ControlFile, ...]:
     """A set whose files all say which export they are of."""
-    return tuple(ControlFile(name=f"T{n}{'_RESTORE' if n % 2 else ''}.INI", data=f"{value} {n}\n".encode() * 50) for n in range(count))
+    return tuple(
+        ControlFile(
+            name=f"T{n}{'_RESTORE' if n % 2 else ''}.INI", data=f"{value} {n}\n".encode() * 50
+        )
+        for n in range(count)
+    )
 
 
 def names(folder: Path) -> list[str]:
@@ -34,7 +40,10 @@ class TestWriting:
         assert sorted(written) == names(tmp_path / "deep" / "out")
         for line in (tmp_path / "deep" / "out" / SUMS).read_text(encoding="utf-8").splitlines():
             digest, _, name = line.partition("  ")
-            assert hashlib.sha256((tmp_path / "deep" / "out" / name).read_bytes()).hexdigest() == digest
+            assert (
+                hashlib.sha256((tmp_path / "deep" / "out" / name).read_bytes()).hexdigest()
+                == digest
+            )
         assert names(tmp_path / "deep") == ["out"]
 
     def test_the_same_set_may_be_written_again_and_no_other(self, tmp_path):
@@ -65,13 +74,16 @@ class TestWriting:
     def test_what_brings_the_control_back_is_written_first(self, tmp_path, monkeypatch):
         order = []
         through = sets.write_through
-        monkeypatch.setattr(sets, "write_through", lambda path, data: (order.append(path.name), through(path, data)))
+        monkeypatch.setattr(
+            sets, "write_through", lambda path, data: (order.append(path.name), through(path, data))
+        )
         write_set(tmp_path / "out", files(1))
         assert order == ["T1_RESTORE.INI", "T3_RESTORE.INI", "T0.INI", "T2.INI", "T4.INI", SUMS]
 
     @pytest.mark.parametrize("full_at", range(8))
     def test_a_full_disk_at_any_file_leaves_nothing(self, tmp_path, monkeypatch, full_at):
-        """Six files, the hidden folder, the folder above: after the rename the set stands, before it nothing does."""
+        """Six files, the hidden folder, the folder above: after the rename the set stands, before
+        it nothing does."""
         synced = iter(range(100))
         sync = os.fsync
 
@@ -88,11 +100,14 @@ class TestWriting:
 
     @pytest.mark.parametrize("killed_at", range(8))
     def test_kill_9_at_any_file_leaves_all_or_nothing(self, tmp_path, killed_at):
-        """A process of its own dies within the write: what a person can see is no folder, or the whole of it."""
+        """A process of its own dies within the write: what a person can see is no folder, or the
+        whole of it."""
         child = os.fork()
         if child == 0:
             steps = iter(range(100))
-            os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL) if next(steps) == killed_at else None
+            os.fsync = lambda _: (
+                os.kill(os.getpid(), signal.SIGKILL) if next(steps) == killed_at else None
+            )
             write_set(tmp_path / "out", files(1))
             os._exit(0)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
@@ -103,12 +118,18 @@ class TestWriting:
         assert names(tmp_path) == ["out"], "what the killed writer left is gone"
 
     def test_of_many_writers_one_wins_and_its_set_is_whole(self, tmp_path):
-        """Twenty folders, four writers each with other bytes: never files of two exports in one folder."""
+        """Twenty folders, four writers each with other bytes: never files of two exports in one
+        folder."""
         for place in range(20):
             refused: list[UsageError] = []
             start = threading.Barrier(4)
 
-            def write(value: int, folder: Path = tmp_path / str(place), start: threading.Barrier = start, lost: list = refused) -> None:
+            def write(
+                value: int,
+                folder: Path = tmp_path / str(place),
+                start: threading.Barrier = start,
+                lost: list = refused,
+            ) -> None:
                 start.wait()
                 try:
                     write_set(folder, files(value, 4))
@@ -125,7 +146,9 @@ class TestWriting:
             assert whole(tmp_path / str(place))
         assert names(tmp_path) == sorted(map(str, range(20)))
 
-    def test_the_same_set_written_meanwhile_by_another_is_ours_and_nothing_is_left_beside_it(self, tmp_path, monkeypatch):
+    def test_the_same_set_written_meanwhile_by_another_is_ours_and_nothing_is_left_beside_it(
+        self, tmp_path, monkeypatch
+    ):
         through = sets.write_through
 
         def overtaken(path, data):
@@ -142,7 +165,9 @@ class TestWriting:
 class TestReading:
     def test_gives_the_files_as_they_were_written(self, tmp_path):
         write_set(tmp_path / "out", files(1))
-        assert read_set(tmp_path / "out")[:-1] == tuple(ControlFile(name=file.name, data=file.data) for file in files(1))
+        assert read_set(tmp_path / "out")[:-1] == tuple(
+            ControlFile(name=file.name, data=file.data) for file in files(1)
+        )
 
     @pytest.mark.parametrize(
         ("harm", "code"),
@@ -151,7 +176,10 @@ class TestReading:
             (lambda out: (out / "T0.INI").write_bytes(b"0"), "set-altered"),
             (lambda out: (out / "T9.INI").write_bytes(b"9"), "set-altered.foreign"),
             (lambda out: (out / SUMS).write_bytes(b""), "set-altered"),
-            (lambda out: (out / SUMS).write_bytes((out / SUMS).read_bytes()[:-3]), "set-altered.missing"),
+            (
+                lambda out: (out / SUMS).write_bytes((out / SUMS).read_bytes()[:-3]),
+                "set-altered.missing",
+            ),
         ],
     )
     def test_a_set_that_somebody_touched_is_refused(self, tmp_path, harm, code):

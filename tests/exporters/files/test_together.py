@@ -1,4 +1,5 @@
-"""Writers that are killed, overtaken, or meet a full disk: all files or none, and nothing that piles up."""
+"""Writers that are killed, overtaken, or meet a full disk: all files or none, and nothing that
+piles up."""
 
 import errno
 import os
@@ -13,7 +14,13 @@ from hypothesis import strategies as st
 
 from stepdiag.base.disk.part import part_of
 from stepdiag.base.errors import UsageError
-from stepdiag.base.files import refuse_file_name, write_atomically, write_new, write_once, write_together
+from stepdiag.base.files import (
+    refuse_file_name,
+    write_atomically,
+    write_new,
+    write_once,
+    write_together,
+)
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import write_set
 from stepdiag.fleet.store import Store
@@ -23,14 +30,21 @@ WRITERS: dict[str, Callable[[Path], object]] = {
     "write_atomically": lambda path: write_atomically(path, b"new"),
     "write_once": lambda path: write_once(path, "new"),
     "write_new": lambda path: write_new(path, "new"),
-    "write_together": lambda path: write_together({path: b"new", path.with_name("other"): b"new"}, over=False),
-    "write_set": lambda path: write_set(path, [ControlFile(name="a.ini", data=b"new"), ControlFile(name="b.ini", data=b"new")]),
+    "write_together": lambda path: write_together(
+        {path: b"new", path.with_name("other"): b"new"}, over=False
+    ),
+    "write_set": lambda path: write_set(
+        path, [ControlFile(name="a.ini", data=b"new"), ControlFile(name="b.ini", data=b"new")]
+    ),
     "store": lambda path: Store(str(path.parent), create=True).write(path.name, b"new"),
 }
 
 
 def everything(folder: Path) -> dict[str, bytes | None]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
 
 
 def killed(work: Callable[[], object], at: int) -> None:
@@ -58,13 +72,23 @@ def test_what_killed_writers_leave_is_gone_after_the_next(tmp_path: Path, name: 
 @few(60)
 @given(
     old=st.dictionaries(st.sampled_from(["a", "b", "in/c"]), st.binary(max_size=3)),
-    new=st.dictionaries(st.sampled_from(["a", "b", "in/c", "deep/er/d"]), st.binary(max_size=3), min_size=1),
+    new=st.dictionaries(
+        st.sampled_from(["a", "b", "in/c", "deep/er/d"]), st.binary(max_size=3), min_size=1
+    ),
     over=st.booleans(),
-    step=st.sampled_from(["os.fsync", "pathlib.Path.replace", "pathlib.Path.hardlink_to", "pathlib.Path.mkdir"]),
+    step=st.sampled_from(
+        ["os.fsync", "pathlib.Path.replace", "pathlib.Path.hardlink_to", "pathlib.Path.mkdir"]
+    ),
     at=st.integers(0, 6),
 )
 def test_files_that_belong_together_are_all_there_or_none(
-    tmp_path_factory: pytest.TempPathFactory, old: dict[str, bytes], new: dict[str, bytes], step: str, at: int, *, over: bool
+    tmp_path_factory: pytest.TempPathFactory,
+    old: dict[str, bytes],
+    new: dict[str, bytes],
+    step: str,
+    at: int,
+    *,
+    over: bool,
 ) -> None:
     """Whichever step the disk refuses: the folder is as it was, or all files are there."""
     folder = tmp_path_factory.mktemp("place")
@@ -93,7 +117,9 @@ def test_files_that_belong_together_are_all_there_or_none(
             assert everything(folder) == before
             return
     assert all(path.read_bytes() == data for path, data in wanted.items())
-    assert {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} == {*old, *new}
+    assert {
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    } == {*old, *new}
 
 
 def test_a_living_writer_keeps_its_place(tmp_path: Path) -> None:
@@ -124,7 +150,11 @@ def test_the_hidden_place_of_another_file_stays(tmp_path: Path) -> None:
         assert part.is_dir()
         write_atomically(tmp_path / "out", b"1")
         assert part.is_dir(), "its writer lives"
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".other.abcdefgh.part", ".out.mine.part", "out"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        ".other.abcdefgh.part",
+        ".out.mine.part",
+        "out",
+    ]
 
 
 @pytest.mark.parametrize("name", ["x.pdf", "x.CSV", "deep/x.html"])

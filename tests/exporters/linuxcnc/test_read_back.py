@@ -1,4 +1,5 @@
-"""The reader that runs beside READ_BACK.ngc in LinuxCNC takes stops for what they are; the running control is in `tests/system/control`."""
+"""The reader that runs beside READ_BACK.ngc in LinuxCNC takes stops for what they are; the running
+control is in `tests/system/control`."""
 
 import importlib.util
 from importlib.resources import files as resources
@@ -23,7 +24,8 @@ def loaded():
 
 
 def driven(reader, stops, *, stay_s: float = 0.5) -> None:
-    """Show the reader an axis that passes from stop to stop, with what is added at each: by position and way."""
+    """Show the reader an axis that passes from stop to stop, with what is added at each: by
+    position and way."""
     now, at = 0.0, 0.0
     for to in stops:
         way = 1 if to > at else -1
@@ -40,8 +42,10 @@ def test_a_row_is_read_from_both_sides() -> None:
     driven(reader, [-11.0, -10.0, 0.0, 10.0, 11.0, 10.0, 0.0, -10.0])
     assert reader.missing == []
     assert list(reader.lines(0)) == [
-        "-10.000000 -9.990100 -9.989900", "0.000000 -0.000100 0.000100", "10.000000 9.989900 9.990100",
-    ]  # fmt: skip
+        "-10.000000 -9.990100 -9.989900",
+        "0.000000 -0.000100 0.000100",
+        "10.000000 9.989900 9.990100",
+    ]
 
 
 def test_what_was_not_driven_is_missing() -> None:
@@ -57,10 +61,18 @@ def test_a_stop_too_short_or_beside_a_row_is_no_stop() -> None:
     assert len(reader.missing) == 2
 
 
-@pytest.mark.parametrize(("unit_mm", "word", "first"), [(1.0, "G21", "G1 X-201.000000"), (25.4, "G20", "G1 X-8.874016")])
-def test_the_program_stops_beyond_both_ends_in_the_unit_of_the_machine(unit_mm: float, word: str, first: str) -> None:
+@pytest.mark.parametrize(
+    ("unit_mm", "word", "first"), [(1.0, "G21", "G1 X-201.000000"), (25.4, "G20", "G1 X-8.874016")]
+)
+def test_the_program_stops_beyond_both_ends_in_the_unit_of_the_machine(
+    unit_mm: float, word: str, first: str
+) -> None:
     profile = profile_of("linuxcnc", VOLUME)
-    tables = controller_named("linuxcnc").plan(fitted(made_result({"EXX": [0.0, 1.0, 5.0, 3.0, 2.0]})).curves, profile).tables
+    tables = (
+        controller_named("linuxcnc")
+        .plan(fitted(made_result({"EXX": [0.0, 1.0, 5.0, 3.0, 2.0]})).curves, profile)
+        .tables
+    )
     program, _ = read_back_files([table for table in tables if table.name == "EXX"], unit_mm)
     lines = program.data.decode("ascii").splitlines()
     assert lines[1] == word

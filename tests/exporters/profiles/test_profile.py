@@ -1,4 +1,5 @@
-"""Controller profiles: what has no default is asked, wrong names meet the nearest right one, active tables are proven by their hash."""
+"""Controller profiles: what has no default is asked, wrong names meet the nearest right one, active
+tables are proven by their hash."""
 
 import re
 import tomllib
@@ -18,7 +19,9 @@ SIEMENS = controller_named("siemens")
 
 
 def siemens_text(**replaced: str) -> str:
-    text = profile_text("siemens", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean")
+    text = profile_text(
+        "siemens", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean"
+    )
     for old, new in replaced.items():
         text = re.sub(rf"^{old} = .*$", f"{old} = {new}", text, count=1, flags=re.MULTILINE)
     return text
@@ -28,37 +31,60 @@ def siemens_text(**replaced: str) -> str:
 class TestTemplates:
     def test_an_unanswered_template_lists_its_questions(self, name):
         """Nothing is guessed: the refusal says all that is still to be answered."""
-        with pytest.raises(UsageError, match=r"machine\.name.*machine\.measured_with.*axes\.X\.name.*axes\.Z\.reference_mm"):
-            parse_profile(profile_template(controller_named(name)), "p.toml", controller_named(name), VOLUME)
+        with pytest.raises(
+            UsageError,
+            match=r"machine\.name.*machine\.measured_with.*axes\.X\.name.*axes\.Z\.reference_mm",
+        ):
+            parse_profile(
+                profile_template(controller_named(name)), "p.toml", controller_named(name), VOLUME
+            )
 
     def test_every_commented_line_of_the_common_part_is_a_known_field(self, name):
         """Whoever takes the # away gets a valid profile."""
         text = profile_template(controller_named(name)).partition(f"[{name}]")[0]
         text = re.sub(r"^# (?=\[\[|\w+ = )", "", text, flags=re.MULTILINE)
-        for question, answer in (('name = "?"', 'name = "AX"'), ('measured_with = "?"', 'measured_with = "off"'), ('"?"', "1.0")):
+        for question, answer in (
+            ('name = "?"', 'name = "AX"'),
+            ('measured_with = "?"', 'measured_with = "off"'),
+            ('"?"', "1.0"),
+        ):
             text = text.replace(question, answer)
         text = re.sub(r"(\[axes\.(\w)\]\nname = )\"AX\"", r'\1"AX\2"', text)
         machine = MACHINES[name]
-        profile = parse_profile(text + "\n" + machine.section, "p.toml", controller_named(name), VOLUME, machine.files)
+        profile = parse_profile(
+            text + "\n" + machine.section, "p.toml", controller_named(name), VOLUME, machine.files
+        )
         assert profile.axis("Y").name == "AXY"
 
     def test_every_commented_option_is_a_known_field(self, name):
         controller = controller_named(name)
         lines = [line.removeprefix("# ") for line in controller.options_template.splitlines()]
-        section = tomllib.loads("\n".join(line for line in lines if re.match(r"\[|\w+ = ", line)))[name]
-        assert set(section) <= {field.encode_name for field in msgspec.structs.fields(controller.options)}
+        section = tomllib.loads("\n".join(line for line in lines if re.match(r"\[|\w+ = ", line)))[
+            name
+        ]
+        assert set(section) <= {
+            field.encode_name for field in msgspec.structs.fields(controller.options)
+        }
 
 
 class TestMessages:
     @pytest.mark.parametrize(
         ("field", "value", "found"),
         [
-            ("measured_with", '"maybe"', r"p\.toml: machine\.measured_with: expected .*off.*found \"maybe\""),
+            (
+                "measured_with",
+                '"maybe"',
+                r"p\.toml: machine\.measured_with: expected .*off.*found \"maybe\"",
+            ),
             ("step_mm", '"wide"', r"p\.toml: axes\.X\.step_mm: expected a number.*found \"wide\""),
             ("step_mm", "0.0", r"p\.toml: axes\.X\.step_mm"),
             ("step_mm", "nan", r"p\.toml: axes\.X\.step_mm"),
             ("reference_mm", "inf", r"p\.toml: axes\.X\.reference_mm"),
-            ("controller", '"fanuc"', r"p\.toml: machine\.controller: expected siemens, found fanuc"),
+            (
+                "controller",
+                '"fanuc"',
+                r"p\.toml: machine\.controller: expected siemens, found fanuc",
+            ),
             ("measuring_system", "3", r"p\.toml: siemens\.measuring_system"),
         ],
     )
@@ -67,19 +93,31 @@ class TestMessages:
             parse_profile(siemens_text(**{field: value}), "p.toml", SIEMENS, VOLUME)
 
     def test_a_sign_test_of_no_table_of_this_control_is_refused(self):
-        """A record that no table takes as evidence would leave the files _UNTESTED_SIGN without a word."""
+        """A record that no table takes as evidence would leave the files _UNTESTED_SIGN without a
+        word."""
         record = '[[sign_test]]\nkind = "siemens"\ndate = 2026-01-31\nverdict = "as-error"\n'
-        expected = r"p\.toml: sign_test\[0\]\.kind: expected eec or cec or cec-product, .*siemens.*stepdiag signtest"
+        expected = (
+            r"p\.toml: sign_test\[0\]\.kind: expected eec or cec or cec-product, "
+            r".*siemens.*stepdiag signtest"
+        )
         with pytest.raises(UsageError, match=expected):
             parse_profile(siemens_text() + record, "p.toml", SIEMENS, VOLUME)
 
     @pytest.mark.parametrize(
         ("old", "new", "found"),
         [
-            ("measuring_system", "mesuring_system", r"siemens\.mesuring_system.*did you mean measuring_system"),
+            (
+                "measuring_system",
+                "mesuring_system",
+                r"siemens\.mesuring_system.*did you mean measuring_system",
+            ),
             ("reference_mm", "referenz_mm", r"axes\.X\.referenz_mm.*did you mean reference_mm"),
             ("[siemens]", "[simens]", r"simens.*did you mean siemens"),
-            ("measured_with", "measured_wiht", r"machine\.measured_wiht.*did you mean measured_with"),
+            (
+                "measured_with",
+                "measured_wiht",
+                r"machine\.measured_wiht.*did you mean measured_with",
+            ),
         ],
     )
     def test_an_unknown_key_meets_the_nearest_known_one(self, old, new, found):
@@ -88,7 +126,10 @@ class TestMessages:
 
     def test_a_missing_answer_is_asked_for(self):
         text = re.sub(r"^measuring_system = .*$", "", siemens_text(), flags=re.MULTILINE)
-        with pytest.raises(UsageError, match=r"siemens\.measuring_system: expected a whole number from 1 to 2, found nothing"):
+        with pytest.raises(
+            UsageError,
+            match=r"siemens\.measuring_system: expected a whole number from 1 to 2, found nothing",
+        ):
             parse_profile(text, "p.toml", SIEMENS, VOLUME)
 
     def test_no_toml_is_refused_with_its_place(self):
@@ -108,7 +149,13 @@ class TestMessages:
 
 class TestGrid:
     def test_runs_over_the_measured_volume_by_default(self):
-        assert profile_of("siemens", VOLUME).grid_mm("Z").tolist() == [-100.0, -50.0, 0.0, 50.0, 100.0]
+        assert profile_of("siemens", VOLUME).grid_mm("Z").tolist() == [
+            -100.0,
+            -50.0,
+            0.0,
+            50.0,
+            100.0,
+        ]
 
     def test_a_step_that_does_not_fit_is_refused_with_one_that_does(self):
         """controllers.md 3.2: the grid must be integral; 400 mm in steps of 60 is not."""

@@ -1,6 +1,8 @@
-"""What is written for LinuxCNC beside the programs: the HAL component speaks Modbus as its docstring says, whatever is sent to it.
+"""What is written for LinuxCNC beside the programs: the HAL component speaks Modbus as its
+docstring says, whatever is sent to it.
 
-It runs beside stand-ins for the control's two Python modules (`testkit.component`); `tests/system/control` has the real ones.
+It runs beside stand-ins for the control's two Python modules (`testkit.component`);
+`tests/system/control` has the real ones.
 """
 
 import socket
@@ -25,10 +27,21 @@ class Pins(dict):
 @pytest.fixture(scope="module")
 def served() -> tuple[Pins, int]:
     """Serve pins on a real socket; return them and the port."""
-    pins = Pins({"setup": 2.0, "count": 65537.0, "stopped": True, "in-position": True, "captured": 0.0, **COMPONENT.USUAL})
+    pins = Pins(
+        {
+            "setup": 2.0,
+            "count": 65537.0,
+            "stopped": True,
+            "in-position": True,
+            "captured": 0.0,
+            **COMPONENT.USUAL,
+        }
+    )
     pins |= {"position-x": -200.0, "position-y": 0.00005, "position-z": 1e9}
     door = socket.create_server(("127.0.0.1", 0))
-    threading.Thread(target=COMPONENT.served, args=(door, COMPONENT.Block(pins, 1.0)), daemon=True).start()
+    threading.Thread(
+        target=COMPONENT.served, args=(door, COMPONENT.Block(pins, 1.0)), daemon=True
+    ).start()
     return pins, door.getsockname()[1]
 
 
@@ -56,7 +69,8 @@ def _exactly(link: socket.socket, count: int) -> bytes:
 
 class TestBlock:
     def test_shows_what_the_program_says(self, served: tuple[Pins, int]) -> None:
-        """Contract 2: counter wrapped, bits, setup, positions in 0.1 µm high word first and held at the ends, the hall's usual values."""
+        """Contract 2: counter wrapped, bits, setup, positions in 0.1 µm high word first and held at
+        the ends, the hall's usual values."""
         with asked(served[1]) as link:
             reply = exchange(link, struct.pack(">BHH", 3, 0, 14))
         words = struct.unpack(">14H", reply[2:])
@@ -64,8 +78,12 @@ class TestBlock:
         assert struct.unpack(">3i", reply[2 + 8 : 2 + 20]) == (-2_000_000, 0, 2**31 - 1)
         assert words[10:] == (2000, 2000, 10132, 500)
 
-    @pytest.mark.parametrize(("stopped", "in_position", "bit"), [(True, True, 1), (True, False, 0), (False, True, 0)])
-    def test_is_stopped_only_in_position(self, served: tuple[Pins, int], stopped: bool, in_position: bool, bit: int) -> None:
+    @pytest.mark.parametrize(
+        ("stopped", "in_position", "bit"), [(True, True, 1), (True, False, 0), (False, True, 0)]
+    )
+    def test_is_stopped_only_in_position(
+        self, served: tuple[Pins, int], stopped: bool, in_position: bool, bit: int
+    ) -> None:
         pins, port = served
         pins["stopped"], pins["in-position"] = stopped, in_position
         with asked(port) as link:
@@ -75,7 +93,8 @@ class TestBlock:
 
     @pytest.mark.parametrize(("state", "bit"), [(1, 0), (2, 1), (3, 1)])
     def test_is_stopped_only_while_a_program_runs(self, state: int, bit: int) -> None:
-        """The output stays set where a program was aborted at a stop: the jog that follows would count as this stop."""
+        """The output stays set where a program was aborted at a stop: the jog that follows would
+        count as this stop."""
         status = COMPONENT.linuxcnc.stat()
         pins = {"setup": 1.0, "count": 3.0, "stopped": True, "in-position": True, **COMPONENT.USUAL}
         pins |= {f"position-{axis}": 0.0 for axis in "xyz"}
@@ -85,8 +104,12 @@ class TestBlock:
         finally:
             status.interp_state = before
 
-    @pytest.mark.parametrize("request_", [struct.pack(">BHH", 6, 100, 41), struct.pack(">BHHBH", 16, 100, 1, 2, 41)])
-    def test_takes_the_answer_of_the_handshake(self, served: tuple[Pins, int], request_: bytes) -> None:
+    @pytest.mark.parametrize(
+        "request_", [struct.pack(">BHH", 6, 100, 41), struct.pack(">BHHBH", 16, 100, 1, 2, 41)]
+    )
+    def test_takes_the_answer_of_the_handshake(
+        self, served: tuple[Pins, int], request_: bytes
+    ) -> None:
         pins, port = served
         pins["captured"] = 0.0
         with asked(port) as link:
@@ -108,7 +131,9 @@ class TestBlock:
             (b"\x2b\x0e\x01\x00", 1),
         ],
     )
-    def test_refuses_everything_else_and_writes_nothing(self, served: tuple[Pins, int], request_: bytes, code: int) -> None:
+    def test_refuses_everything_else_and_writes_nothing(
+        self, served: tuple[Pins, int], request_: bytes, code: int
+    ) -> None:
         pins, port = served
         before = dict(pins)
         with asked(port) as link:
@@ -126,15 +151,22 @@ class TestConnections:
             first, second = _exactly(link, 15), _exactly(link, 15)
         assert first == second
 
-    @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(
+        max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    )
     @given(noise=st.binary(min_size=1, max_size=400))
-    def test_whatever_is_sent_the_next_one_is_served(self, served: tuple[Pins, int], noise: bytes) -> None:
+    def test_whatever_is_sent_the_next_one_is_served(
+        self, served: tuple[Pins, int], noise: bytes
+    ) -> None:
         with asked(served[1]) as stranger, asked(served[1]) as link:
             stranger.sendall(noise)
             assert exchange(link, struct.pack(">BHH", 3, 1, 1))[:2] == b"\x03\x02"
 
     def test_the_oldest_of_too_many_gives_way(self, served: tuple[Pins, int]) -> None:
-        links = [socket.create_connection(("127.0.0.1", served[1]), timeout=10.0) for _ in range(COMPONENT.MOST_CLIENTS + 3)]
+        links = [
+            socket.create_connection(("127.0.0.1", served[1]), timeout=10.0)
+            for _ in range(COMPONENT.MOST_CLIENTS + 3)
+        ]
         try:
             assert exchange(links[-1], struct.pack(">BHH", 3, 1, 1))[:2] == b"\x03\x02"
             assert links[0].recv(1) == b""
@@ -151,8 +183,21 @@ class TestFiles:
         component, hal = companion_files("linuxcnc", "192.168.1.20", 1502)
         text = hal.data.decode()
         assert f"./{component.name} --host 192.168.1.20 --port 1502\n" in text
-        pins = {line.split()[-1].removeprefix("stepdiag.") for line in text.splitlines() if line.startswith("net ")}
-        assert pins == {"setup", "count", "stopped", "in-position", "position-x", "position-y", "position-z", "captured"}
+        pins = {
+            line.split()[-1].removeprefix("stepdiag.")
+            for line in text.splitlines()
+            if line.startswith("net ")
+        }
+        assert pins == {
+            "setup",
+            "count",
+            "stopped",
+            "in-position",
+            "position-x",
+            "position-y",
+            "position-z",
+            "captured",
+        }
 
     @pytest.mark.parametrize("host", ["", "a b", "x\nloadrt evil", "$(reboot)", "a;b"])
     def test_an_address_that_is_none_is_refused(self, host: str) -> None:

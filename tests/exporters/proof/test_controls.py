@@ -1,4 +1,5 @@
-"""A proof run by each control's own law: files loaded into the virtual controls, which share no code with the product."""
+"""A proof run by each control's own law: files loaded into the virtual controls, which share no
+code with the product."""
 
 from dataclasses import replace
 
@@ -22,33 +23,55 @@ CONTROLS = ("siemens", "fanuc", "heidenhain", "beckhoff", "linuxcnc")
 
 
 def driven(values, moved_um, dice):
-    """Readings of a diagonal and a line of a machine with positioning errors, with what a control adds; the mirror leans anew."""
+    """Readings of a diagonal and a line of a machine with positioning errors, with what a control
+    adds; the mirror leans anew."""
     rows, size = [], np.array(VOLUME.size_mm)
     for setup in ("ppp", "linear-x"):
         nodes = np.arange(31 if setup == "ppp" else 11)
-        counts = [(nodes + 2 - axis) // 3 for axis in range(3)] if setup == "ppp" else [nodes, 0 * nodes, 0 * nodes]
+        counts = (
+            [(nodes + 2 - axis) // 3 for axis in range(3)]
+            if setup == "ppp"
+            else [nodes, 0 * nodes, 0 * nodes]
+        )
         out = np.column_stack(counts) * size / 10.0
         along = out[-1] / np.linalg.norm(out[-1])
         lean = 5e-4 * dice.normal(size=3) * (setup == "ppp")
-        error = np.column_stack([np.interp(out[:, axis], VOLUME.nodes_mm(axis), values[name]) for axis, name in enumerate(NAMES)])
+        error = np.column_stack(
+            [
+                np.interp(out[:, axis], VOLUME.nodes_mm(axis), values[name])
+                for axis, name in enumerate(NAMES)
+            ]
+        )
         for number in (1, 2):
             way = np.tile(np.sign(along) * (1 if number == 1 else -1), (len(out), 1))
-            read = out @ (along + lean - (lean @ along) * along) + 1e-3 * ((error + moved_um(out, way)) @ along)
+            read = out @ (along + lean - (lean @ along) * along) + 1e-3 * (
+                (error + moved_um(out, way)) @ along
+            )
             read = (read + 2e-4 * dice.normal(size=len(out)))[:: 1 if number == 1 else -1]
             at = out[:: 1 if number == 1 else -1]
-            rows += [(setup, number, stop, *pair) for stop, pair in enumerate(zip(at, read - read[0], strict=True))]
+            rows += [
+                (setup, number, stop, *pair)
+                for stop, pair in enumerate(zip(at, read - read[0], strict=True))
+            ]
     setup, number, stop, place, value = zip(*rows, strict=True)
-    return make_readings(setup=setup, pass_number=number, stop=stop, position_mm=np.array(place), reading_mm=value)
+    return make_readings(
+        setup=setup, pass_number=number, stop=stop, position_mm=np.array(place), reading_mm=value
+    )
 
 
 @pytest.mark.parametrize("name", CONTROLS)
 def test_right_files_are_kept_and_turned_or_idle_ones_restored(name: str, tmp_path) -> None:
     dice, along = np.random.default_rng(12), np.linspace(0.0, 1.0, 11)
-    values = {each: sum(4.0 * dice.normal() * np.sin(np.pi * k * along) for k in (1, 2, 3, 4)) for each in NAMES}
+    values = {
+        each: sum(4.0 * dice.normal() * np.sin(np.pi * k * along) for k in (1, 2, 3, 4))
+        for each in NAMES
+    }
     result = made_result({each: list(value) for each, value in values.items()}, volume=VOLUME)
     control, profile = controller_named(name), profile_of(name, VOLUME, sections=10)
     if name == "heidenhain":  # the generation that the virtual control is of
-        profile = replace(profile, options=msgspec.structs.replace(profile.options, generation="itnc530"))
+        profile = replace(
+            profile, options=msgspec.structs.replace(profile.options, generation="itnc530")
+        )
     plan = control.plan(fitted(result, NAMES).curves, profile)
     settled = replace(profile, options=plan.options or profile.options)
     files = [file for file in control.render(plan.tables, settled) if file.role == "data"]

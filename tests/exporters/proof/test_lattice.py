@@ -7,7 +7,11 @@ from stepdiag.exporters.safety.verdicts.lattice import parts_of
 from stepdiag.exporters.tables.lattice import lattice_of
 from testkit.exact.results import VOLUME, made_result
 
-ERRORS = {"EXX": [0.0, 5.0, 12.0, 9.0, 3.0], "EYX": [0.0, 3.0, 5.0, 3.0, 0.0], "EZY": [0.0, -2.0, -4.0, 1.0, 0.0]}
+ERRORS = {
+    "EXX": [0.0, 5.0, 12.0, 9.0, 3.0],
+    "EYX": [0.0, 3.0, 5.0, 3.0, 0.0],
+    "EZY": [0.0, -2.0, -4.0, 1.0, 0.0],
+}
 ANGLES = {"ECX": [0.0, 10.0, -5.0, 20.0, 8.0]}
 
 

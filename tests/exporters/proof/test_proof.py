@@ -1,4 +1,5 @@
-"""The proof run: exact changes of readings, from a rig that shares no code with the product, judged table by table."""
+"""The proof run: exact changes of readings, from a rig that shares no code with the product, judged
+table by table."""
 
 from dataclasses import replace
 
@@ -34,28 +35,39 @@ def stops_mm(setup):
 
 
 class Rig:
-    """Curves of a machine in um at its nodes, and what a laser reads along a setup with shares of them in the control."""
+    """Curves of a machine in um at its nodes, and what a laser reads along a setup with shares of
+    them in the control."""
 
     def __init__(self, seed, size_um=3.0):
         self.dice = np.random.default_rng((9, seed))
         along = np.linspace(0.0, 1.0, 11)
         self.values = {}
         for name in NAMES:
-            waves = sum(self.dice.normal() * np.sin(np.pi * k * along + self.dice.uniform(0.0, np.pi)) for k in (1, 2, 3, 4, 5))
+            waves = sum(
+                self.dice.normal() * np.sin(np.pi * k * along + self.dice.uniform(0.0, np.pi))
+                for k in (1, 2, 3, 4, 5)
+            )
             self.values[name] = size_um / np.std(waves) * (waves - waves[0])
 
     def table(self, name, law=Law(sense="as-error")):  # noqa: B008 - a value that does not change
         axis = "XYZ".index(name[2])
         return Table(
-            kind="eec" if name[1] == name[2] else "cec", input_axis=name[2], output_axis=name[1],
-            position_mm=np.linspace(0.0, SIZE[axis], 11), value_um=self.values[name], quantum_um=0.1, law=law, reference_mm=0.0,
-        )  # fmt: skip
+            kind="eec" if name[1] == name[2] else "cec",
+            input_axis=name[2],
+            output_axis=name[1],
+            position_mm=np.linspace(0.0, SIZE[axis], 11),
+            value_um=self.values[name],
+            quantum_um=0.1,
+            law=law,
+            reference_mm=0.0,
+        )
 
     def tables(self):
         return [self.table(name) for name in NAMES]
 
     def readings(self, shares, *, repeats=2, noise_um=0.3, swapped="", setups=SETUPS):
-        """Readings with ``shares`` of each curve taken out by the control; the mirror leans anew each time."""
+        """Readings with ``shares`` of each curve taken out by the control; the mirror leans anew
+        each time."""
         rows = []
         for setup in setups:
             out = stops_mm(setup)
@@ -70,23 +82,47 @@ class Rig:
                     error[:, output] += np.interp(at[:, moving] / SIZE[moving], nodes, values)
                     if shares.get(name):
                         names = dict(zip(swapped, swapped[::-1], strict=True))
-                        into, onto = ("XYZ".index(names.get(axis, axis)) for axis in (name[2], name[1]))
-                        held = np.interp(np.minimum(at[:, into], SIZE[moving]) / SIZE[moving], nodes, values)
+                        into, onto = (
+                            "XYZ".index(names.get(axis, axis)) for axis in (name[2], name[1])
+                        )
+                        held = np.interp(
+                            np.minimum(at[:, into], SIZE[moving]) / SIZE[moving], nodes, values
+                        )
                         error[:, onto] -= shares[name] * held
                 across = lean - (lean @ along) * along
-                read = at @ along + 1e-3 * (error @ along) + at @ across + 1e-3 * noise_um * self.dice.normal(size=len(at))
-                rows += [(setup, number, stop, place, value - read[0]) for stop, (place, value) in enumerate(zip(at, read, strict=True))]
+                read = (
+                    at @ along
+                    + 1e-3 * (error @ along)
+                    + at @ across
+                    + 1e-3 * noise_um * self.dice.normal(size=len(at))
+                )
+                rows += [
+                    (setup, number, stop, place, value - read[0])
+                    for stop, (place, value) in enumerate(zip(at, read, strict=True))
+                ]
         setup, number, stop, place, value = zip(*rows, strict=True)
-        return make_readings(setup=setup, pass_number=number, stop=stop, position_mm=np.array(place), reading_mm=value)
+        return make_readings(
+            setup=setup,
+            pass_number=number,
+            stop=stop,
+            position_mm=np.array(place),
+            reading_mm=value,
+        )
 
 
 @pytest.mark.parametrize("factor", [1.0, *CODES])
 @pytest.mark.parametrize("names", [("EYY",), ("EZX",), ("EXX", "EYY", "EZZ"), NAMES])
 def test_each_state_of_a_table_a_kind_and_all_is_named(names, factor):
-    """Right tables stay; a turned, missing, half or doubled one is named with its factor, and the others are right."""
+    """Right tables stay; a turned, missing, half or doubled one is named with its factor, and the
+    others are right."""
     rig = Rig(3)
     tables = rig.tables()
-    found = prove(RESULT, rig.readings({}, repeats=1), rig.readings(ALL | dict.fromkeys(names, factor)), tables)
+    found = prove(
+        RESULT,
+        rig.readings({}, repeats=1),
+        rig.readings(ALL | dict.fromkeys(names, factor)),
+        tables,
+    )
     for each in found.tables:
         assert each.code == (CODES.get(factor, "right") if each.function in names else "right")
         assert abs(each.factor - (factor if each.function in names else 1.0)) < 5.0 * each.u
@@ -102,30 +138,45 @@ def test_two_axes_taken_for_each_other_are_named():
 
 
 def test_a_table_too_small_to_be_seen_is_not_decided_and_shown_with_its_number():
-    """It stops nothing while the states that remain differ by less than U of the survey, 0.6 um here."""
+    """It stops nothing while the states that remain differ by less than U of the survey, 0.6 um
+    here."""
     for size, noise_um, state in ((0.02, 0.3, "right"), (0.5, 3.0, "undecided")):
         rig = Rig(4)
         rig.values["EYX"] = size * rig.values["EYX"]
-        found = prove(RESULT, rig.readings({}, repeats=1, noise_um=noise_um), rig.readings(ALL, noise_um=noise_um), rig.tables())
+        found = prove(
+            RESULT,
+            rig.readings({}, repeats=1, noise_um=noise_um),
+            rig.readings(ALL, noise_um=noise_um),
+            rig.tables(),
+        )
         (small,) = [each for each in found.tables if each.function == "EYX"]
-        assert (small.code, small.state, found.action) == (None, state, {"right": "keep", "undecided": "undecided"}[state])
+        assert (small.code, small.state, found.action) == (
+            None,
+            state,
+            {"right": "keep", "undecided": "undecided"}[state],
+        )
 
 
 def test_what_stays_open_names_the_setup_that_decides_it():
-    """A small positioning error along z, which one diagonal and the line along x leave open: the line along z shows all of it."""
+    """A small positioning error along z, which one diagonal and the line along x leave open: the
+    line along z shows all of it."""
     rig = Rig(7)
     rig.values["EZZ"] = 0.2 * rig.values["EZZ"]
     known = replace(RESULT, errors={})
     every = (*SETUPS, "npp", "linear-z")
     before = rig.readings({}, repeats=1, setups=every)
     found = prove(known, before, rig.readings(ALL), rig.tables())
-    assert ([each.function for each in found.tables if each.state == "undecided"], found.further) == (["EZZ"], ("linear-z",))
+    assert (
+        [each.function for each in found.tables if each.state == "undecided"],
+        found.further,
+    ) == (["EZZ"], ("linear-z",))
     more = prove(known, before, rig.readings(ALL, setups=(*SETUPS, *found.further)), rig.tables())
     assert "EZZ" not in [each.function for each in more.tables if each.state != "right"]
 
 
 def test_tables_that_acted_in_the_survey_count_as_replaced():
-    """Old tables of 0.8 of the right size: the change is that from them to the new ones, and old ones left alone are no new ones."""
+    """Old tables of 0.8 of the right size: the change is that from them to the new ones, and old
+    ones left alone are no new ones."""
     rig = Rig(6)
     tables = rig.tables()
     old = [replace(table, value_um=0.8 * table.value_um) for table in tables]
@@ -139,24 +190,36 @@ def test_a_run_along_other_stops_proves_nothing():
     rig = Rig(7)
     before, after = rig.readings({}), rig.readings({})
     with pytest.raises(DataError, match="its stops"):
-        prove(RESULT, replace(before, position_mm=before.position_mm + 20.0 * (before.stop[:, None] > 2)), after, [rig.table("EXX")])
+        prove(
+            RESULT,
+            replace(before, position_mm=before.position_mm + 20.0 * (before.stop[:, None] > 2)),
+            after,
+            [rig.table("EXX")],
+        )
     with pytest.raises(DataError, match="move the machine"):
         prove(RESULT, before, after, [replace(rig.table("EXX"), value_um=np.zeros(11))])
 
 
 @settings(max_examples=25, deadline=None)
-@given(seed=st.integers(100, 10_000), name=st.sampled_from(NAMES), factor=st.sampled_from([-1.0, 0.0, 0.5, 1.5, 2.0]))
+@given(
+    seed=st.integers(100, 10_000),
+    name=st.sampled_from(NAMES),
+    factor=st.sampled_from([-1.0, 0.0, 0.5, 1.5, 2.0]),
+)
 def test_no_wrong_table_is_called_right(seed, name, factor):
     """Whatever the machine: a table with a fault is named or open, and the control is not kept."""
     rig = Rig(seed)
-    found = prove(RESULT, rig.readings({}, repeats=1), rig.readings(ALL | {name: factor}), rig.tables())
+    found = prove(
+        RESULT, rig.readings({}, repeats=1), rig.readings(ALL | {name: factor}), rig.tables()
+    )
     (wrong,) = [each for each in found.tables if each.function == name]
     assert wrong.code != "right"
     assert found.action != "keep"
 
 
 def test_the_plan_fills_ten_minutes_and_foresees_every_table():
-    """The minutes hold the repeats, and more of them would not fit; every table is seen by more than its U."""
+    """The minutes hold the repeats, and more of them would not fit; every table is seen by more
+    than its U."""
     rig = Rig(8)
     driven = Plan(volume=VOLUME, runs=tuple(Run(setup=setup) for setup in SETUPS))
     plan = plan_proof(RESULT, rig.readings({}, repeats=1), driven, rig.tables(), 10.0)

@@ -1,4 +1,5 @@
-"""The last gate: text that a control would read otherwise than it was meant is never written, whoever made it."""
+"""The last gate: text that a control would read otherwise than it was meant is never written,
+whoever made it."""
 
 from dataclasses import replace
 
@@ -30,7 +31,18 @@ def test_what_every_controller_writes_passes(name):
 
 
 @pytest.mark.parametrize(
-    "text", ["$A[0]=nan", "0.0 inf 0.0", "$A[0]=1e-05", "-2.5E3 0 0", "x=1234567890123", "0.12345678901", "$A[0]=.5", "--5", "\xe4"]
+    "text",
+    [
+        "$A[0]=nan",
+        "0.0 inf 0.0",
+        "$A[0]=1e-05",
+        "-2.5E3 0 0",
+        "x=1234567890123",
+        "0.12345678901",
+        "$A[0]=.5",
+        "--5",
+        "\xe4",
+    ],
 )
 def test_what_a_control_could_misread_is_refused_with_its_line(text):
     file = ControlFile(name="T.INI", data=f"0.0 0.0\n{text}\n".encode("latin-1"))
@@ -52,11 +64,15 @@ def test_what_a_control_could_misread_is_refused_with_its_line(text):
     ],
 )
 def test_nothing_is_written_of_a_text_that_went_wrong(control, old, new, tmp_path, monkeypatch):
-    """A renderer that errs: no number, a power of ten, another number, one beyond the limits, positions that fall."""
+    """A renderer that errs: no number, a power of ten, another number, one beyond the limits,
+    positions that fall."""
     rendered = control.render
 
     def wrong(self, tables, profile, notes=()):
-        return tuple(replace(file, data=file.data.replace(old, new)) for file in rendered(self, tables, profile, notes))
+        return tuple(
+            replace(file, data=file.data.replace(old, new))
+            for file in rendered(self, tables, profile, notes)
+        )
 
     monkeypatch.setattr(control, "render", wrong)
     name = control().name

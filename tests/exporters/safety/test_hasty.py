@@ -1,4 +1,5 @@
-"""Sequences of a hasty engineer: none ends with exit code 0 and a machine that is worse than before."""
+"""Sequences of a hasty engineer: none ends with exit code 0 and a machine that is worse than
+before."""
 
 from collections import Counter
 
@@ -6,7 +7,8 @@ from testkit.exact.hasty import lived, stories
 
 
 def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
-    """Old tables, half switched, loaded twice or half, edited, of another machine, listed wrongly; right ones go through."""
+    """Old tables, half switched, loaded twice or half, edited, of another machine, listed wrongly;
+    right ones go through."""
     quiet, stopped, refused = [], Counter(), []
     for number, story in enumerate(stories()):
         why, before, after = lived(story, number, tmp_path / f"{number}")

@@ -1,4 +1,5 @@
-"""What a control holds is compared with the export: on a SINUMERIK that runs both programs, and on files of the others."""
+"""What a control holds is compared with the export: on a SINUMERIK that runs both programs, and on
+files of the others."""
 
 from dataclasses import replace
 
@@ -18,14 +19,23 @@ from testkit.exact.results import VOLUME, made_result
 from testkit.exact.sinumerik import Sinumerik
 
 RESULT = made_result(
-    {"EXX": [0.0, 5.0, 12.0, 9.0, 3.0], "EYX": [0.0, 3.0, 5.0, 3.0, 0.0], "EZY": [0.0, -2.0, -4.0, 1.0, 0.0]}, squareness={"C0Y": 20.0}
+    {
+        "EXX": [0.0, 5.0, 12.0, 9.0, 3.0],
+        "EYX": [0.0, 3.0, 5.0, 3.0, 0.0],
+        "EZY": [0.0, -2.0, -4.0, 1.0, 0.0],
+    },
+    squareness={"C0Y": 20.0},
 )
 SIEMENS = controller_named("siemens")
 PROFILE = profile_of("siemens", VOLUME)
 MACHINE_DATA = {
-    "$MN_SCALING_SYSTEM_IS_METRIC": "1", "$MA_CEC_SCALING_SYSTEM_METRIC": "1", "$MA_MM_ENC_COMP_MAX_POINTS": "30",
-    "$MN_MM_CEC_MAX_POINTS": "30", "$MA_CEC_MAX_SUM": "1", "$MA_ENC_COMP_ENABLE": "0",
-}  # fmt: skip
+    "$MN_SCALING_SYSTEM_IS_METRIC": "1",
+    "$MA_CEC_SCALING_SYSTEM_METRIC": "1",
+    "$MA_MM_ENC_COMP_MAX_POINTS": "30",
+    "$MN_MM_CEC_MAX_POINTS": "30",
+    "$MA_CEC_MAX_SUM": "1",
+    "$MA_ENC_COMP_ENABLE": "0",
+}
 
 
 def planned():
@@ -51,7 +61,10 @@ def held(machine: Sinumerik) -> ControlFile:
 
 def differs(machine: Sinumerik) -> dict[str, str]:
     _, files, _ = planned()
-    return {found.key: found.text for found in compare(SIEMENS, files, [held(machine)], PROFILE).findings}
+    return {
+        found.key: found.text
+        for found in compare(SIEMENS, files, [held(machine)], PROFILE).findings
+    }
 
 
 class TestSinumerik:
@@ -69,7 +82,13 @@ class TestSinumerik:
         assert differs(control(programs[1:], stop_after=int(share * lines)))
 
     @pytest.mark.parametrize(
-        "switch", ["$SN_CEC_TABLE_ENABLE[1]", "$MA_CEC_ENABLE[AX2]", "$MA_ENC_COMP_ENABLE[0,AX1]", "$SN_CEC_TABLE_WEIGHT[0]"]
+        "switch",
+        [
+            "$SN_CEC_TABLE_ENABLE[1]",
+            "$MA_CEC_ENABLE[AX2]",
+            "$MA_ENC_COMP_ENABLE[0,AX1]",
+            "$SN_CEC_TABLE_WEIGHT[0]",
+        ],
     )
     def test_one_forgotten_switch_or_weight_is_named(self, switch: str) -> None:
         _, _, programs = planned()
@@ -90,7 +109,11 @@ class TestSinumerik:
 
     def test_another_grid_and_an_exchanged_axis_show(self) -> None:
         _, _, programs = planned()
-        for name, value in (("$AN_CEC_STEP[0]", "50"), ("$AN_CEC_OUTPUT_AXIS[0]", "(AX3)"), ("$AN_CEC_DIRECTION[0]", "1")):
+        for name, value in (
+            ("$AN_CEC_STEP[0]", "50"),
+            ("$AN_CEC_OUTPUT_AXIS[0]", "(AX3)"),
+            ("$AN_CEC_DIRECTION[0]", "1"),
+        ):
             machine = control(programs)
             machine.held[name] = value
             assert differs(machine), name
@@ -104,19 +127,32 @@ class TestSinumerik:
         """The old tables were off, and weighed 0.5: neither the profile nor anybody says it."""
         tables, _, programs = planned()
         machine = control(programs)
-        machine.held |= {"$SN_CEC_TABLE_WEIGHT[0]": "0.5", "$SN_CEC_TABLE_ENABLE[0]": "0", "$MA_ENC_COMP_ENABLE[0,AX1]": "0"}
+        machine.held |= {
+            "$SN_CEC_TABLE_WEIGHT[0]": "0.5",
+            "$SN_CEC_TABLE_ENABLE[0]": "0",
+            "$MA_ENC_COMP_ENABLE[0,AX1]": "0",
+        }
         options = msgspec.structs.replace(PROFILE.options, old_enabled=None, old_weight=None)
         old = replace(held(machine), name="STEPDIAG_BACK.INI")
         restored = control(programs)
         for file in SIEMENS.restore(tables, replace(PROFILE, existing=(old,), options=options)):
             if file.role == "program":
                 restored.run(file.data.decode("ascii"))
-        watched = ("$SN_CEC_TABLE_WEIGHT[0]", "$SN_CEC_TABLE_ENABLE[0]", "$MA_ENC_COMP_ENABLE[0,AX1]", "$SN_CEC_TABLE_ENABLE[1]")
-        assert {name: float(restored.held[name]) for name in watched} == dict(zip(watched, (0.5, 0.0, 0.0, 1.0), strict=True))
+        watched = (
+            "$SN_CEC_TABLE_WEIGHT[0]",
+            "$SN_CEC_TABLE_ENABLE[0]",
+            "$MA_ENC_COMP_ENABLE[0,AX1]",
+            "$SN_CEC_TABLE_ENABLE[1]",
+        )
+        assert {name: float(restored.held[name]) for name in watched} == dict(
+            zip(watched, (0.5, 0.0, 0.0, 1.0), strict=True)
+        )
 
 
 def test_an_export_brings_the_program_and_the_steps(tmp_path) -> None:
-    export(RESULT, "siemens", PROFILE, accept=("change-large", "slope-steep"), out_dir=tmp_path / "out")
+    export(
+        RESULT, "siemens", PROFILE, accept=("change-large", "slope-steep"), out_dir=tmp_path / "out"
+    )
     files = {file.name: file for file in read_set(tmp_path / "out")}
     assert b"WRITE(FAULT,BACK" in files[read_back.NAME].data
     assert b"--read-back FILE" in files["EXPORT_REPORT.txt"].data
@@ -124,51 +160,82 @@ def test_an_export_brings_the_program_and_the_steps(tmp_path) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"neutral"}))
 def test_what_any_control_holds_is_compared_with_what_was_written(name: str) -> None:
-    """The same files read out again differ in nothing; of another survey in every table that moved."""
+    """The same files read out again differ in nothing; of another survey in every table that
+    moved."""
     controller = controller_named(name)
     profile = profile_of(name, VOLUME)
     sets = []
     for result in (RESULT, made_result({"EXX": [0.0, -7.0, 1.0, 4.0, 8.0]})):
-        plan = controller.plan(fitted(result, profile.machine.functions, profile.machine.squareness_into).curves, profile)
+        plan = controller.plan(
+            fitted(result, profile.machine.functions, profile.machine.squareness_into).curves,
+            profile,
+        )
         settled = replace(profile, options=plan.options or profile.options)
-        sets.append([file for file in controller.render(plan.tables, settled) if file.role == "data"])
+        sets.append(
+            [file for file in controller.render(plan.tables, settled) if file.role == "data"]
+        )
     new, old = sets
     same = compare(controller, new, new, settled)
     assert {found.key for found in same.findings} <= {"read-back-differs.unread"}
     assert same.numbers > 10
     other = compare(controller, new, old, settled)
-    assert {"read-back-differs", "read-back-differs.absent"} & {found.key for found in other.findings}
+    assert {"read-back-differs", "read-back-differs.absent"} & {
+        found.key for found in other.findings
+    }
     assert name in STEPS
     assert np.isfinite(same.numbers)
 
 
 class Punching:
-    """A FANUC as far as read-in and punch-out see it: numbers by their line, parameters and pitch data alike; switches are bits of them."""
+    """A FANUC as far as read-in and punch-out see it: numbers by their line, parameters and pitch
+    data alike; switches are bits of them."""
 
     def __init__(self, *files: ControlFile) -> None:
         self.names = [file.name for file in files]
         self.files = {file.name: file.data.split(b"\n\r\r") for file in files}
 
     def read_in(self, file: ControlFile, *, stop_after: int | None = None) -> None:
-        """Take numbers over up to a line: a transfer that breaks off leaves the others as they were."""
+        """Take numbers over up to a line: a transfer that breaks off leaves the others as they
+        were."""
         new = file.data.split(b"\n\r\r")
-        self.files[file.name] = [*new[:stop_after], *self.files[file.name][len(new) if stop_after is None else stop_after :]]
+        self.files[file.name] = [
+            *new[:stop_after],
+            *self.files[file.name][len(new) if stop_after is None else stop_after :],
+        ]
 
     def put(self, number: int, value: bytes) -> None:
         """Key one parameter in."""
         for lines in self.files.values():
             for at, line in enumerate(lines):
                 if line.startswith(b"N%05d" % number):
-                    lines[at] = line[: line.index(b"P") + 1] + value + line[line.index(b"P") + 1 + len(value) :]
+                    lines[at] = (
+                        line[: line.index(b"P") + 1]
+                        + value
+                        + line[line.index(b"P") + 1 + len(value) :]
+                    )
 
     def punched(self) -> list[ControlFile]:
-        return [ControlFile(name=name, data=b"\n\r\r".join(lines)) for name, lines in self.files.items()]
+        return [
+            ControlFile(name=name, data=b"\n\r\r".join(lines)) for name, lines in self.files.items()
+        ]
 
 
 FANUC_OWN = b"\n\r\r".join(
-    [b"%", b"(CNCID=0)", b"N03605Q1A1P00000000A2P00000000A3P00000000", b"N08135Q1L1P00000000", b"N03620Q1A1P100A2P300A3P500"]
+    [
+        b"%",
+        b"(CNCID=0)",
+        b"N03605Q1A1P00000000A2P00000000A3P00000000",
+        b"N08135Q1L1P00000000",
+        b"N03620Q1A1P100A2P300A3P500",
+    ]
     + [b"N0%dQ1A1P0A2P0A3P0" % number for number in (3621, 3622)]
-    + [b"N03623Q1A1P1A2P1A3P1", b"N03624Q1A1P0.0A2P0.0A3P0.0", *(b"N1%04dQ0P0" % point for point in range(700)), b"%", b""]
+    + [
+        b"N03623Q1A1P1A2P1A3P1",
+        b"N03624Q1A1P0.0A2P0.0A3P0.0",
+        *(b"N1%04dQ0P0" % point for point in range(700)),
+        b"%",
+        b"",
+    ]
 )
 
 
@@ -200,7 +267,8 @@ class TestFanuc:
 
     @pytest.mark.parametrize(("number", "name"), [(8135, "8135#0"), (3605, "3605#0 A1")])
     def test_a_switch_in_the_other_state_is_named(self, number: int, name: str) -> None:
-        """Also where no table can be read beside it: with 3605#0 the control looks for a second block, which is not there."""
+        """Also where no table can be read beside it: with 3605#0 the control looks for a second
+        block, which is not there."""
         machine, files, profile = self.loaded()
         machine.put(number, b"00000001")
         found = compare(controller_named("fanuc"), files, machine.punched(), profile).findings
@@ -209,12 +277,18 @@ class TestFanuc:
 
 
 class TestFolders:
-    """Controls whose tables are files: a folder that holds them, with the line or parameter that switches them."""
+    """Controls whose tables are files: a folder that holds them, with the line or parameter that
+    switches them."""
 
     def test_a_heidenhain_whose_assignment_calls_no_table_shows(self) -> None:
         files, profile, control = written("heidenhain")
         assert compare(control, files, files, profile).findings == ()
-        off = [replace(file, data=file.data.replace(b"*", b" ")) if file.name.endswith(".CMA") else file for file in files]
+        off = [
+            replace(file, data=file.data.replace(b"*", b" "))
+            if file.name.endswith(".CMA")
+            else file
+            for file in files
+        ]
         assert off != files
         assert compare(control, files, off, profile).findings
         half = [file for file in files if not file.name.startswith("AXIS_AX2")]
@@ -222,8 +296,14 @@ class TestFolders:
         assert compare(control, files, half, profile).findings
 
     def test_a_beckhoff_axis_list_is_read_with_its_switch(self) -> None:
-        files, profile, control = written("beckhoff", way="lists", axis_numbers={"X": 1, "Y": 2, "Z": 3}, cross_sense="as-error")
-        for state, keys in (("1", []), ("0", ["read-back-differs.switch"] * 3), (None, ["read-back-differs.unread"] * 3)):
+        files, profile, control = written(
+            "beckhoff", way="lists", axis_numbers={"X": 1, "Y": 2, "Z": 3}, cross_sense="as-error"
+        )
+        for state, keys in (
+            ("1", []),
+            ("0", ["read-back-differs.switch"] * 3),
+            (None, ["read-back-differs.unread"] * 3),
+        ):
             line = b"" if state is None else f"lr_param.ssfk {state}\r\n".encode()
             held = [replace(file, data=file.data + line) for file in files]
             assert [each.key for each in compare(control, files, held, profile).findings] == keys
@@ -234,7 +314,17 @@ def written(name: str, **options: object) -> tuple[list[ControlFile], object, ob
     control, profile = controller_named(name), profile_of(name, VOLUME)
     if options:
         profile = replace(profile, options=msgspec.structs.replace(profile.options, **options))
-    result = made_result({"EXX": [0.0, 5.0, 12.0, 9.0, 3.0], "EYY": [0.0, 4.0, 2.0, 1.0, 3.0], "EZZ": [0.0, -4.0, 2.0, 6.0, 3.0]})
+    result = made_result(
+        {
+            "EXX": [0.0, 5.0, 12.0, 9.0, 3.0],
+            "EYY": [0.0, 4.0, 2.0, 1.0, 3.0],
+            "EZZ": [0.0, -4.0, 2.0, 6.0, 3.0],
+        }
+    )
     plan = control.plan(fitted(result, ("EXX", "EYY", "EZZ")).curves, profile)
     settled = replace(profile, options=plan.options or profile.options)
-    return [file for file in control.render(plan.tables, settled) if file.role == "data"], settled, control
+    return (
+        [file for file in control.render(plan.tables, settled) if file.role == "data"],
+        settled,
+        control,
+    )

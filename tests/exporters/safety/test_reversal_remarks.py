@@ -21,14 +21,27 @@ NUMBERS = {"X": {"value": 8.21, "u": 0.2, "unit": "um"}}
 KNOWN = replace(PLAYING, **members(backlash=NUMBERS))
 
 
-def said_of(result: Result, code: str, direction: str = "mean", name: str = "siemens", **axis: object) -> list[str]:
+def said_of(
+    result: Result, code: str, direction: str = "mean", name: str = "siemens", **axis: object
+) -> list[str]:
     profile = profile_of(name, VOLUME, direction=direction)
-    profile = replace(profile, axes={letter: msgspec.structs.replace(each, **axis) for letter, each in profile.axes.items()})
+    profile = replace(
+        profile,
+        axes={
+            letter: msgspec.structs.replace(each, **axis) for letter, each in profile.axes.items()
+        },
+    )
     curves, control = curves_of(result, ["EXX"]), controller_named(name)
     tables = control.plan(curves, profile).tables
     case = Case(
-        controller=control, profile=profile, result=result, curves=curves, tables=tables, previous=(), today=date(2026, 6, 1)
-    )  # fmt: skip
+        controller=control,
+        profile=profile,
+        result=result,
+        curves=curves,
+        tables=tables,
+        previous=(),
+        today=date(2026, 6, 1),
+    )
     return [finding.text for finding in remarks(case) if finding.key == code]
 
 
@@ -39,17 +52,24 @@ def test_the_backlash_number_comes_with_its_uncertainty():
 
 
 def test_it_comes_on_top_of_what_the_parameter_held_while_measuring():
-    """Measured with 5 µm at work, 8.21 µm less are asked for: who enters the number alone takes the 5 µm away."""
+    """Measured with 5 µm at work, 8.21 µm less are asked for: who enters the number alone takes the
+    5 µm away."""
     (text,) = said_of(KNOWN, "reversal-value")
     assert text.endswith("to be added to the value of the backlash parameter while measuring")
-    assert said_of(KNOWN, "reversal-value", backlash_um=5.0) == [text], "what the control holds now may have the number in it already"
+    assert said_of(KNOWN, "reversal-value", backlash_um=5.0) == [text], (
+        "what the control holds now may have the number in it already"
+    )
 
 
 @pytest.mark.parametrize("backlash_um", [0.0, 5.0])
 def test_where_a_table_ends_the_parameter_the_number_goes_into_the_table(backlash_um):
-    """LinuxCNC looks at BACKLASH only where there is no COMP_FILE; what BACKLASH held is in the columns already."""
+    """LinuxCNC looks at BACKLASH only where there is no COMP_FILE; what BACKLASH held is in the
+    columns already."""
     (text,) = said_of(KNOWN, "reversal-value", name="linuxcnc", backlash_um=backlash_um)
-    assert text.endswith('direction = "both" writes it into the table, beside which the backlash parameter does not act')
+    assert text.endswith(
+        'direction = "both" writes it into the table, beside which the backlash parameter does '
+        "not act"
+    )
     assert said_of(KNOWN, "reversal-value", "both", "linuxcnc", backlash_um=backlash_um) == []
 
 

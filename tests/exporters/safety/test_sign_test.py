@@ -1,4 +1,5 @@
-"""The sign test: a bump that passes the checks, and the verdict from what a machine of either kind does with it."""
+"""The sign test: a bump that passes the checks, and the verdict from what a machine of either kind
+does with it."""
 
 import numpy as np
 import pytest
@@ -47,13 +48,28 @@ class TestBump:
         assert bump(controller_named("siemens"), profile, "EXX").top_mm < 200.0
 
     def test_five_points_on_one_side_are_enough(self):
-        """One of them stays zero next to the reference; the bump is up between the third and the fourth, and back at the fifth."""
-        test = bump(controller_named("siemens"), profile_of("siemens", VOLUME, sections=4, reference_at=0), "EXX")
-        assert [value != 0.0 for value in test.tables[0].value_um] == [False, False, True, True, False]
+        """One of them stays zero next to the reference; the bump is up between the third and the
+        fourth, and back at the fifth."""
+        test = bump(
+            controller_named("siemens"),
+            profile_of("siemens", VOLUME, sections=4, reference_at=0),
+            "EXX",
+        )
+        assert [value != 0.0 for value in test.tables[0].value_um] == [
+            False,
+            False,
+            True,
+            True,
+            False,
+        ]
 
     def test_a_travel_that_is_too_short_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
-            bump(controller_named("siemens"), quick_profile(controller_named("siemens"), VOLUME, 200.0), "EXX")
+            bump(
+                controller_named("siemens"),
+                quick_profile(controller_named("siemens"), VOLUME, 200.0),
+                "EXX",
+            )
         assert refusal.value.code == "grid-unfit.bump"
 
 
@@ -69,20 +85,33 @@ class TestSlope:
 
     def test_moves_the_axis_at_the_far_end(self):
         test = self.ramp()
-        assert ([table.kind for table in test.tables], test.top_mm, test.beyond_mm) == (["matrixkins"], 400.0, None)
+        assert ([table.kind for table in test.tables], test.top_mm, test.beyond_mm) == (
+            ["matrixkins"],
+            400.0,
+            None,
+        )
         assert test.expected_um == pytest.approx(-10.0, abs=1e-3)
 
     @pytest.mark.parametrize(("sign", "sense"), [(1, "as-compensation"), (-1, "as-error")])
     def test_tells_the_sense(self, sign, sense):
         test = self.ramp()
-        shown = verdict(test, np.linspace(0.0, 400.0, 41), 0 * POSITIONS, 5.0 + sign * self.moved_um(test))
+        shown = verdict(
+            test, np.linspace(0.0, 400.0, 41), 0 * POSITIONS, 5.0 + sign * self.moved_um(test)
+        )
         assert (shown.kind, shown.sense) == ("matrixkins", sense)
 
-    @pytest.mark.parametrize(("share", "cause"), [(10.0, "ten times"), (0.4, "diameters"), (25.4, "inch")])
+    @pytest.mark.parametrize(
+        ("share", "cause"), [(10.0, "ten times"), (0.4, "diameters"), (25.4, "inch")]
+    )
     @pytest.mark.parametrize("sign", [1, -1])
     def test_a_ramp_of_the_wrong_size_decides_nothing(self, share, cause, sign):
         test = self.ramp()
-        shown = verdict(test, np.linspace(0.0, 400.0, 41), 0 * POSITIONS, 5.0 + sign * share * self.moved_um(test))
+        shown = verdict(
+            test,
+            np.linspace(0.0, 400.0, 41),
+            0 * POSITIONS,
+            5.0 + sign * share * self.moved_um(test),
+        )
         assert shown.sense is None
         assert cause in shown.text
 
@@ -110,7 +139,8 @@ class TestVerdict:
         assert "not active" in shown.text
 
     def test_a_staircase_tells_that_the_control_adds_up(self):
-        """controllers.md 11: absolute data read as increments do not come back to zero after the bump."""
+        """controllers.md 11: absolute data read as increments do not come back to zero after the
+        bump."""
         test = siemens_bump()
         shown = verdict(test, POSITIONS, 0 * POSITIONS, np.cumsum(moved_um(test)))
         assert shown.sense is None
@@ -131,14 +161,19 @@ class TestVerdict:
         ],
     )
     @pytest.mark.parametrize("sign", [1, -1])
-    def test_a_movement_of_the_wrong_size_decides_nothing_and_names_its_cause(self, share, cause, sign):
-        """Outside half to twice of what is expected the sense is not believed: something counts in other units."""
+    def test_a_movement_of_the_wrong_size_decides_nothing_and_names_its_cause(
+        self, share, cause, sign
+    ):
+        """Outside half to twice of what is expected the sense is not believed: something counts in
+        other units."""
         test = siemens_bump()
         shown = verdict(test, POSITIONS, 0 * POSITIONS, sign * share * moved_um(test))
         assert shown.sense is None
         assert cause in shown.text
 
-    @pytest.mark.parametrize(("share", "sense"), [(0.6, "as-error"), (1.8, "as-error"), (-0.6, "as-compensation")])
+    @pytest.mark.parametrize(
+        ("share", "sense"), [(0.6, "as-error"), (1.8, "as-error"), (-0.6, "as-compensation")]
+    )
     def test_between_half_and_twice_the_sense_is_told(self, share, sense):
         test = siemens_bump()
         assert verdict(test, POSITIONS, 0 * POSITIONS, share * moved_um(test)).sense == sense
@@ -186,7 +221,10 @@ class TestRuns:
         run = read_sign_run(ControlFile(name="run.csv", data=rows.encode()))
         assert [column.tolist() for column in run[:3]] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
 
-    @pytest.mark.parametrize("text", ["", "a,b,c\n", "position_mm,off_um,on_um\n1,2\n", "position_mm,off_um,on_um\n1,2,x\n"])
+    @pytest.mark.parametrize(
+        "text",
+        ["", "a,b,c\n", "position_mm,off_um,on_um\n1,2\n", "position_mm,off_um,on_um\n1,2,x\n"],
+    )
     def test_a_damaged_csv_is_refused(self, text):
         with pytest.raises(DataError, match=r"run\.csv"):
             read_sign_run(ControlFile(name="run.csv", data=text.encode()))

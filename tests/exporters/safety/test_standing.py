@@ -18,7 +18,13 @@ def loaded(from_mm, to_mm, exx):
     """Return profile, tables and result of an export of EXX between two positions."""
     plain = profile_of("siemens", VOLUME)
     profile = replace(
-        plain, axes={**plain.axes, "X": AxisSection(name="X", step_mm=100.0, reference_mm=0.0, start_mm=from_mm, end_mm=to_mm)}
+        plain,
+        axes={
+            **plain.axes,
+            "X": AxisSection(
+                name="X", step_mm=100.0, reference_mm=0.0, start_mm=from_mm, end_mm=to_mm
+            ),
+        },
     )
     result = made_result({"EXX": exx})
     return profile, CONTROL.plan(curves_of(result, ["EXX"]), profile).tables, result
@@ -35,7 +41,9 @@ def loaded(from_mm, to_mm, exx):
     ],
     ids=["above", "below", "both", "flat where it ends", "as far"],
 )
-def test_a_new_table_that_reaches_less_far_than_the_old_one_says_what_is_lost(from_mm, to_mm, old, lost):
+def test_a_new_table_that_reaches_less_far_than_the_old_one_says_what_is_lost(
+    from_mm, to_mm, old, lost
+):
     _, before, _ = loaded(-200.0, 200.0, old)
     profile, new, result = loaded(from_mm, to_mm, [0, 1, 2, 3, 4])
     found = [

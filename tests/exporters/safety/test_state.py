@@ -1,4 +1,5 @@
-"""Whether the compensation was on while measuring is read from the data, and held against what is stated."""
+"""Whether the compensation was on while measuring is read from the data, and held against what is
+stated."""
 
 from dataclasses import replace
 
@@ -25,28 +26,37 @@ MACHINES = 200
 
 
 def drawn(dice: np.random.Generator, size_um: float = 8.0) -> dict[str, np.ndarray]:
-    """Draw the functions of a machine: slopes for the positioning errors, bows for the straightnesses."""
+    """Draw the functions of a machine: slopes for the positioning errors, bows for the
+    straightnesses."""
     along = np.linspace(0.0, 1.0, 5)
     found = {}
     for name in NAMES:
-        bow = size_um * dice.normal() * np.sin(np.pi * along) + size_um / 2 * dice.normal() * np.sin(2 * np.pi * along)
+        bow = size_um * dice.normal() * np.sin(
+            np.pi * along
+        ) + size_um / 2 * dice.normal() * np.sin(2 * np.pi * along)
         found[name] = bow + (size_um * dice.normal() * along if name[1] == name[2] else 0.0)
     return found
 
 
 def tables_of(errors: dict[str, np.ndarray]) -> tuple[Table, ...]:
     return tuple(
-        CONTROL.plan(curves_of(made_result({name: list(each) for name, each in errors.items()})), profile_of("siemens", VOLUME)).tables
+        CONTROL.plan(
+            curves_of(made_result({name: list(each) for name, each in errors.items()})),
+            profile_of("siemens", VOLUME),
+        ).tables
     )
 
 
 def surveyed(dice: np.random.Generator, acted: dict[str, bool]) -> tuple[Result, tuple[Table, ...]]:
-    """Draw a machine with old tables of 0.7 to 1.4 of the right size, a sixth of its errors new, and what a survey finds of it."""
+    """Draw a machine with old tables of 0.7 to 1.4 of the right size, a sixth of its errors new,
+    and what a survey finds of it."""
     old = drawn(dice)
     sizes = {kind: float(np.exp(dice.uniform(np.log(0.7), np.log(1.4)))) for kind in KINDS}
     kind_of = {name: kind for kind, names in KINDS.items() for name in names}
     now = {
-        name: each * (1 + 0.15 * dice.normal()) - acted[kind_of[name]] * sizes[kind_of[name]] * each + 0.5 * dice.normal(size=5)
+        name: each * (1 + 0.15 * dice.normal())
+        - acted[kind_of[name]] * sizes[kind_of[name]] * each
+        + 0.5 * dice.normal(size=5)
         for name, each in old.items()
     }
     tables = tables_of({name: sizes[kind_of[name]] * each for name, each in old.items()})
@@ -55,7 +65,8 @@ def surveyed(dice: np.random.Generator, acted: dict[str, bool]) -> tuple[Result,
 
 @pytest.mark.parametrize("state", ["on", "off"])
 def test_a_wrong_statement_is_found_and_a_right_one_never_refused(state: str) -> None:
-    """False alarms below 2 % of 200 machines whose old tables are anything from too small to too large."""
+    """False alarms below 2 % of 200 machines whose old tables are anything from too small to too
+    large."""
     other = {"on": "off", "off": "on"}[state]
     false, found = 0, 0
     for seed in range(MACHINES):
@@ -78,7 +89,9 @@ def test_functions_that_changed_by_themselves_refuse_no_right_statement(state: s
         for name in dice.choice(NAMES, 3, replace=False).tolist():
             value = errors[name].value
             assert value is not None
-            errors[name] = replace(errors[name], value=value + 8.0 * dice.normal() * np.sin(np.linspace(0.0, np.pi, 5)))
+            errors[name] = replace(
+                errors[name], value=value + 8.0 * dice.normal() * np.sin(np.linspace(0.0, np.pi, 5))
+            )
         changed = replace(result, errors=errors)
         false += any(each.severity == "error" for each in state_findings(changed, tables, state))
         found += any(each.severity == "error" for each in state_findings(changed, tables, other))
@@ -88,14 +101,20 @@ def test_functions_that_changed_by_themselves_refuse_no_right_statement(state: s
 
 @pytest.mark.parametrize("state", ["on", "off"])
 def test_tables_of_another_machine_refuse_no_right_statement(state: str) -> None:
-    """Their shares may look like any state; what is left beside them does not. By the shares alone 9 of 60 were refused (off)."""
+    """Their shares may look like any state; what is left beside them does not. By the shares alone
+    9 of 60 were refused (off)."""
     refused = 0
     for seed in range(60):
         dice = np.random.default_rng((5, seed))
         own, other = drawn(dice), drawn(dice)
-        now = {name: each - (state == "on") * other[name] + 0.5 * dice.normal(size=5) for name, each in own.items()}
+        now = {
+            name: each - (state == "on") * other[name] + 0.5 * dice.normal(size=5)
+            for name, each in own.items()
+        }
         result = made_result({name: list(each - each[0]) for name, each in now.items()}, u_um=0.5)
-        refused += any(each.severity == "error" for each in state_findings(result, tables_of(other), state))
+        refused += any(
+            each.severity == "error" for each in state_findings(result, tables_of(other), state)
+        )
     assert refused <= 1
 
 
@@ -103,19 +122,29 @@ def test_tables_of_another_machine_refuse_no_right_statement(state: str) -> None
 def test_one_forgotten_switch_shows_with_the_functions_of_its_tables(left_on: str) -> None:
     named, wrong = 0, 0
     for seed in range(50):
-        result, tables = surveyed(np.random.default_rng(seed), {kind: kind == left_on for kind in KINDS})
-        found = [set(each.message.arguments["names"]) for each in state_findings(result, tables, "off") if each.severity == "error"]  # type: ignore[union-attr]
+        result, tables = surveyed(
+            np.random.default_rng(seed), {kind: kind == left_on for kind in KINDS}
+        )
+        found = [
+            set(each.message.arguments["names"])
+            for each in state_findings(result, tables, "off")
+            if each.severity == "error"
+        ]  # type: ignore[union-attr]
         named += any(names <= {*KINDS[left_on], "C0Y", "B0Z", "A0Z"} for names in found)
-        wrong += any(names & set(KINDS[other]) for names in found for other in KINDS if other != left_on)
+        wrong += any(
+            names & set(KINDS[other]) for names in found for other in KINDS if other != left_on
+        )
     assert named >= 43
     assert wrong <= 1
 
 
 @pytest.mark.parametrize(("stated", "acted"), [("on", True), ("off", False)])
 def test_one_table_in_the_other_state_is_asked_about_by_its_name(stated: str, acted: bool) -> None:
-    """Its own switch, or its own weight, was forgotten: the mean of its kind does not show it, the table itself does.
+    """Its own switch, or its own weight, was forgotten: the mean of its kind does not show it, the
+    table itself does.
 
-    Of 60 machines with one such table 54 or more name it, with the share of every table; of 60 without one at most 1 asks.
+    Of 60 machines with one such table 54 or more name it, with the share of every table; of 60
+    without one at most 1 asks.
     """
     named, false = 0, 0
     for seed in range(60):
@@ -123,13 +152,24 @@ def test_one_table_in_the_other_state_is_asked_about_by_its_name(stated: str, ac
         old, odd = drawn(dice), KINDS["CEC"][seed % 6]
         size = float(np.exp(dice.uniform(np.log(0.7), np.log(1.4))))
         now = {
-            name: error * (1 + 0.15 * dice.normal()) - (acted != (name == odd)) * size * error + 0.5 * dice.normal(size=5)
+            name: error * (1 + 0.15 * dice.normal())
+            - (acted != (name == odd)) * size * error
+            + 0.5 * dice.normal(size=5)
             for name, error in old.items()
         }
-        result = made_result({name: list(error - error[0]) for name, error in now.items()}, u_um=0.5)
-        found = list(state_findings(result, tables_of({name: size * error for name, error in old.items()}), stated))
+        result = made_result(
+            {name: list(error - error[0]) for name, error in now.items()}, u_um=0.5
+        )
+        found = list(
+            state_findings(
+                result, tables_of({name: size * error for name, error in old.items()}), stated
+            )
+        )
         assert all(each.severity == "warning" for each in found)
-        named += any(each.key == "compensation-contradicted.one" and odd in each.message.arguments["names"] for each in found)  # type: ignore[union-attr]
+        named += any(
+            each.key == "compensation-contradicted.one" and odd in each.message.arguments["names"]
+            for each in found
+        )  # type: ignore[union-attr]
         result, tables = surveyed(np.random.default_rng(seed), dict.fromkeys(KINDS, acted))
         false += bool(list(state_findings(result, tables, stated)))
     assert named >= 54
@@ -139,25 +179,40 @@ def test_one_table_in_the_other_state_is_asked_about_by_its_name(stated: str, ac
 def test_a_table_smaller_than_what_the_survey_knows_says_nothing() -> None:
     dice = np.random.default_rng(1)
     small = {name: 0.02 * each for name, each in drawn(dice).items()}
-    result = made_result({name: list(each - each[0]) for name, each in drawn(dice).items()}, u_um=0.5)
+    result = made_result(
+        {name: list(each - each[0]) for name, each in drawn(dice).items()}, u_um=0.5
+    )
     assert shares(result, tables_of(small)) == []
 
 
 @pytest.mark.parametrize(("acted", "stated"), [(True, "off"), (False, "on")])
 def test_an_export_on_a_wrong_statement_is_refused(acted: bool, stated: str, tmp_path) -> None:
-    """Tables made of what is left, in place of the old ones: 2.8 µm had become 5.1 with exit code 0."""
+    """Tables made of what is left, in place of the old ones: 2.8 µm had become 5.1 with exit code
+    0."""
     result, _ = surveyed(np.random.default_rng(3), dict.fromkeys(KINDS, acted))
     dice = np.random.default_rng(3)
-    plan = CONTROL.plan(curves_of(made_result({name: list(each) for name, each in drawn(dice).items()})), profile_of("siemens", VOLUME))
-    existing = tuple(file for file in CONTROL.render(plan.tables, profile_of("siemens", VOLUME)) if file.name.endswith(".INI"))
+    plan = CONTROL.plan(
+        curves_of(made_result({name: list(each) for name, each in drawn(dice).items()})),
+        profile_of("siemens", VOLUME),
+    )
+    existing = tuple(
+        file
+        for file in CONTROL.render(plan.tables, profile_of("siemens", VOLUME))
+        if file.name.endswith(".INI")
+    )
     base = profile_of("siemens", VOLUME)
-    profile = replace(base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated))
+    profile = replace(
+        base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated)
+    )
     statement = Statement(state="off") if stated == "off" else _on(existing)
     with pytest.raises(SafetyError) as refused:
         export(
-            replace(result, survey=statement.facts(Facts(machine="test machine"))), "siemens", profile,
-            accept=("change-large", "correction-small.uncertainty"), out_dir=tmp_path / "out",
-        )  # fmt: skip
+            replace(result, survey=statement.facts(Facts(machine="test machine"))),
+            "siemens",
+            profile,
+            accept=("change-large", "correction-small.uncertainty"),
+            out_dir=tmp_path / "out",
+        )
     assert "compensation-contradicted" in (refused.value.code, *str(refused.value).split())
     assert not (tmp_path / "out").exists()
 

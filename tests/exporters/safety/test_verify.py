@@ -1,4 +1,5 @@
-"""Prediction from bytes: independent readers agree, wrong files are refused, a wrong sense makes the machine worse."""
+"""Prediction from bytes: independent readers agree, wrong files are refused, a wrong sense makes
+the machine worse."""
 
 from dataclasses import replace
 
@@ -35,7 +36,9 @@ class TestPrediction:
         assert before.largest_um > 15
         assert after.largest_um < 0.25
         assert not prediction.worse
-        assert 0 < prediction.predicted.as_it_is["after"].largest_um.value_um < 0.25, "between the points of the grid too"
+        assert 0 < prediction.predicted.as_it_is["after"].largest_um.value_um < 0.25, (
+            "between the points of the grid too"
+        )
 
     def test_a_file_with_the_wrong_sense_makes_it_worse(self):
         """The sign test of the program itself: negated values must not pass as an improvement."""
@@ -57,24 +60,39 @@ class TestPrediction:
         end = VOLUME.origin_mm[0] + VOLUME.size_mm[0]
         assert (axis, float(high)) == ("X", end)
         assert float(low) == end - VOLUME.step_mm[0]
-        clean = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
+        clean = verify_files(
+            made, control.render(control.plan(curves_of(made), profile).tables, profile)
+        )
         assert not [each for each in clean.findings if each.key == "stretch-worse"]
 
     def test_files_that_do_worse_than_the_tables_that_stand_in_the_control_are_named(self):
-        """They were off while measuring, and everything is better than nothing: what counts is what the owner has."""
+        """They were off while measuring, and everything is better than nothing: what counts is what
+        the owner has."""
         control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
         whole, half = (
             control.render(
-                control.plan(curves_of(made_result({"EXX": [share * at for at in (0, 6, 16, 24, 40)]})), profile).tables, profile
+                control.plan(
+                    curves_of(made_result({"EXX": [share * at for at in (0, 6, 16, 24, 40)]})),
+                    profile,
+                ).tables,
+                profile,
             )
             for share in (1.0, 0.5)
         )
         result = made_result({"EXX": [0, 6, 16, 24, 40]})
         worse, better = (
-            [each.text for each in verify_files(result, new[:1], replace(profile, existing=old[:1])).findings if each.key == "worse-after"]
+            [
+                each.text
+                for each in verify_files(
+                    result, new[:1], replace(profile, existing=old[:1])
+                ).findings
+                if each.key == "worse-after"
+            ]
             for new, old in ((half, whole), (whole, half))
         )
-        assert [text.partition(", ")[2].partition(" by")[0] for text in worse] == ["with the tables that are in the control now"]
+        assert [text.partition(", ")[2].partition(" by")[0] for text in worse] == [
+            "with the tables that are in the control now"
+        ]
         assert better == []
 
     def test_waves_that_no_target_shows_are_said_of_their_tables(self):
@@ -82,9 +100,19 @@ class TestPrediction:
         wave = 8.0 * np.sin(2.0 * np.pi * 4.5 * np.arange(11) / 10 + 0.7)
         made = made_result({"EXX": (wave - wave[0]).tolist()}, volume=fine)
         control, profile = controller_named("siemens"), profile_of("siemens", fine)
-        found = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
-        assert [each.text.partition(":")[0] for each in found.findings if each.key == "increments-coarse.verify"] == ["EXX"]
-        assert not [each for each in verify_files(RESULT, siemens_files()).findings if each.key == "increments-coarse.verify"]
+        found = verify_files(
+            made, control.render(control.plan(curves_of(made), profile).tables, profile)
+        )
+        assert [
+            each.text.partition(":")[0]
+            for each in found.findings
+            if each.key == "increments-coarse.verify"
+        ] == ["EXX"]
+        assert not [
+            each
+            for each in verify_files(RESULT, siemens_files()).findings
+            if each.key == "increments-coarse.verify"
+        ]
 
     def test_without_rigid_motion_a_squareness_folded_the_other_way_is_no_error(self):
         control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
@@ -94,7 +122,8 @@ class TestPrediction:
         assert prediction.figures(rigid_motion=False)[1].largest_um < 0.3
 
     def test_what_is_refused_is_judged_where_it_is_promised(self):
-        """A grid lies on the nodes of the survey, where coarse steps of a control hit the curve: between them they are off."""
+        """A grid lies on the nodes of the survey, where coarse steps of a control hit the curve:
+        between them they are off."""
         made = made_result({"EXX": [0.0, 4.0, 0.0, 4.0, 0.0]}, volume=VOLUME)
         prediction = predict(made, ())
         told = prediction.predicted.without_rigid_motion["before"].rms_um.value_um
@@ -111,27 +140,41 @@ class TestIndependentReader:
     @pytest.mark.parametrize("mode", ["mean", "both"])
     @pytest.mark.parametrize("travel", [1, -1])
     def test_the_virtual_control_moves_as_predicted(self, suffix, mode, travel):
-        """A reader that shares no code with ours, from the same manual, does the same with data files and programs."""
-        control, profile = controller_named("siemens"), profile_of("siemens", VOLUME, direction=mode)
+        """A reader that shares no code with ours, from the same manual, does the same with data
+        files and programs."""
+        control, profile = (
+            controller_named("siemens"),
+            profile_of("siemens", VOLUME, direction=mode),
+        )
         result = replace(RESULT, reversal=made_result(reversal={"EXX": [0, 2, 3, 3, 4]}).reversal)
         files = control.render(control.plan(curves_of(result), profile).tables, profile)
         points = grid_points_mm(VOLUME, 5)
         texts = [file.data.decode("ascii") for file in files if file.name.endswith(suffix)]
-        theirs = sum(table.correction_mm(points, np.full(points.shape, travel)) for text in texts for table in load_siemens(text))
+        theirs = sum(
+            table.correction_mm(points, np.full(points.shape, travel))
+            for text in texts
+            for table in load_siemens(text)
+        )
         ours = total_correction_um(control.parse(files, profile), points, travel)
         np.testing.assert_allclose(theirs * 1000, ours, atol=1e-6)
 
     def test_the_virtual_fanuc_moves_as_predicted(self):
-        """Stepped, incremental, with magnification: the same from the punch file (reference at the machine zero, as it reads it)."""
+        """Stepped, incremental, with magnification: the same from the punch file (reference at the
+        machine zero, as it reads it)."""
         volume = replace(VOLUME, origin_mm=(-200.0, -200.0, -100.0))
-        result = made_result({"EXX": [0, 3, 8, 12, 20], "EYY": [0, -30, -50, -70, -90]}, volume=volume)
+        result = made_result(
+            {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -30, -50, -70, -90]}, volume=volume
+        )
         profile = profile_of("fanuc", volume, reference_at=2)
         control = controller_named("fanuc")
         plan = control.plan(curves_of(result, ["EXX", "EYY", "EZZ"]), profile)
         settled = replace(profile, options=plan.options)
         files = control.render(plan.tables, settled)
         points = grid_points_mm(volume, 9)
-        theirs = sum(table.correction_mm(points, np.ones(points.shape)) for table in load_fanuc([files[0].data.decode("ascii")]))
+        theirs = sum(
+            table.correction_mm(points, np.ones(points.shape))
+            for table in load_fanuc([files[0].data.decode("ascii")])
+        )
         ours = total_correction_um(control.parse(files, settled), points)
         np.testing.assert_allclose(theirs * 1000, ours, atol=1e-6)
 
@@ -167,12 +210,23 @@ class TestLattice:
     @settings(max_examples=30)
     @given(st.floats(-200, 200), st.floats(0, 400), st.floats(-100, 100))
     def test_trilinear_between_the_vertices(self, x, y, z):
-        """A field that is linear in every coordinate, products included, is met exactly (A-79351E p. 3)."""
-        axes = (np.array([-200.0, 50.0, 200.0]), np.array([0.0, 400.0]), np.array([-100.0, 0.0, 100.0]))
+        """A field that is linear in every coordinate, products included, is met exactly (A-79351E
+        p. 3)."""
+        axes = (
+            np.array([-200.0, 50.0, 200.0]),
+            np.array([0.0, 400.0]),
+            np.array([-100.0, 0.0, 100.0]),
+        )
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        vectors = (grid[..., 0] * grid[..., 1] + 3 * grid[..., 2] - 5)[..., None] * np.array([1.0, -1.0, 0.5])
-        value = lattice.Lattice(axes_mm=axes, vectors_um=vectors).correction_um(np.array([[x, y, z]]))
-        np.testing.assert_allclose(value[0], (x * y + 3 * z - 5) * np.array([1.0, -1.0, 0.5]), atol=1e-6)
+        vectors = (grid[..., 0] * grid[..., 1] + 3 * grid[..., 2] - 5)[..., None] * np.array(
+            [1.0, -1.0, 0.5]
+        )
+        value = lattice.Lattice(axes_mm=axes, vectors_um=vectors).correction_um(
+            np.array([[x, y, z]])
+        )
+        np.testing.assert_allclose(
+            value[0], (x * y + 3 * z - 5) * np.array([1.0, -1.0, 0.5]), atol=1e-6
+        )
 
     def test_a_lattice_with_a_hole_is_refused(self):
         file = lattice.render(lattice.lattice_of(RESULT, 100.0))

@@ -1,16 +1,20 @@
-"""Tables are spoiled in every way in which they are wrong in practice: none passes, and a repeated survey refuses few right ones."""
+"""Tables are spoiled in every way in which they are wrong in practice: none passes, and a repeated
+survey refuses few right ones."""
 
 from testkit.rates.wrong_tables import counted
 
 
 def test_no_spoiled_table_is_taken_for_right() -> None:
-    """Three drawn machines with nine tables each: of all 230 mutants at most 1 % pass, none with its sign turned, swapped or left out."""
+    """Three drawn machines with nine tables each: of all 230 mutants at most 1 % pass, none with
+    its sign turned, swapped or left out."""
     refused, found = counted(3)
     assert refused <= 1
     tried = {kind: one.tried for kind, one in found.items()}
     assert sum(tried.values()) > 200
     assert sum(one.passed for one in found.values()) <= 2
-    assert [found[kind].passed for kind in ("turned", "swapped", "scaled by 10", "zeros", "missing")] == [0] * 5
+    assert [
+        found[kind].passed for kind in ("turned", "swapped", "scaled by 10", "zeros", "missing")
+    ] == [0] * 5
     assert found["turned"].codes == {"sign-turned": tried["turned"]}
     assert found["scaled by 10"].codes == {"scaled": tried["scaled by 10"]}
     assert found["missing"].codes == {"missing": tried["missing"]}

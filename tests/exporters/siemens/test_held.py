@@ -1,4 +1,5 @@
-"""A loading program writes only over what the export takes for held: on a control that shares no code with it."""
+"""A loading program writes only over what the export takes for held: on a control that shares no
+code with it."""
 
 from dataclasses import replace
 
@@ -17,14 +18,23 @@ from testkit.exact.sinumerik import Sinumerik
 from testkit.examples import few
 
 SIEMENS = controller_named("siemens")
-OLD, NEW = {"EXX": [0, 3, 1, 0, -2], "EYX": [0, 1, 2, 1, 0]}, {"EXX": [0, 4, 2, 0, -5], "EYX": [0, 2, -2, 1, 0]}
-POINTS = [name.format(point) for name in ("$AA_ENC_COMP[0,{},AX1]", "$AN_CEC[0,{}]") for point in range(7)]
+OLD, NEW = (
+    {"EXX": [0, 3, 1, 0, -2], "EYX": [0, 1, 2, 1, 0]},
+    {"EXX": [0, 4, 2, 0, -5], "EYX": [0, 2, -2, 1, 0]},
+)
+POINTS = [
+    name.format(point) for name in ("$AA_ENC_COMP[0,{},AX1]", "$AN_CEC[0,{}]") for point in range(7)
+]
 
 
 def rendered(errors, existing=(), stated="off"):
     base = profile_of("siemens", VOLUME)
-    profile = replace(base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated))
-    return SIEMENS.render(SIEMENS.plan(curves_of(made_result(errors), list(errors)), profile).tables, profile)
+    profile = replace(
+        base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated)
+    )
+    return SIEMENS.render(
+        SIEMENS.plan(curves_of(made_result(errors), list(errors)), profile).tables, profile
+    )
 
 
 def data_of(files) -> tuple[ControlFile, ...]:
@@ -61,7 +71,11 @@ def test_what_nobody_listed_is_not_written_over(listed) -> None:
     before = dict(control.held)
     refused = loaded(control, rendered(NEW, tuple(file for file in old if listed in file.name)))
     assert refused == [listed != "EEC", listed != "CEC"]
-    assert any(control.held[name] == before[name] for name in POINTS if before.get(name, "0.0000") != "0.0000")
+    assert any(
+        control.held[name] == before[name]
+        for name in POINTS
+        if before.get(name, "0.0000") != "0.0000"
+    )
 
 
 @few(30)

@@ -10,12 +10,14 @@ from stepdiag.exporters.siemens.products import _most_valuable
 
 def written(*values):
     return {
-        number: Assignment(name="V", index=(str(number),), value=str(value), where=f"line {number}") for number, value in enumerate(values)
+        number: Assignment(name="V", index=(str(number),), value=str(value), where=f"line {number}")
+        for number, value in enumerate(values)
     }
 
 
 def test_a_table_that_ends_off_its_grid_ends_there():
-    """controllers.md 3.2: MAX 25 with STEP 10 is a last position of 25 mm, half-way between two points."""
+    """controllers.md 3.2: MAX 25 with STEP 10 is a last position of 25 mm, half-way between two
+    points."""
     points = read_points(written(0.0, 0.001, 0.002, 0.004), 10.0, 0.0, 25.0, "EEC")
     assert points.position_mm.tolist() == [0.0, 10.0, 20.0, 25.0]
     assert points.value_um == pytest.approx([0.0, 1.0, 2.0, 3.0])
@@ -34,7 +36,8 @@ def test_every_point_up_to_the_last_must_stand_there():
 
 
 def test_the_most_valuable_curve_is_so_for_each_table_that_it_takes():
-    """3 µm in two tables are worth less than 2.5 µm in one; what does not fit leaves its room to the next."""
+    """3 µm in two tables are worth less than 2.5 µm in one; what does not fit leaves its room to
+    the next."""
     worth, tables_of = {"EXX": 3.0, "EYX": 2.5, "EZX": 2.4}, {"EXX": 2, "EYX": 1, "EZX": 1}
     assert _most_valuable(worth, tables_of, 2) == ("EYX", "EZX")
     assert _most_valuable(worth, tables_of, 3) == ("EYX", "EZX")

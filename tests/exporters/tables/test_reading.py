@@ -1,4 +1,5 @@
-"""Files of a machine as they come: given twice, cut off, switched off. What would act otherwise than it reads is refused."""
+"""Files of a machine as they come: given twice, cut off, switched off. What would act otherwise
+than it reads is refused."""
 
 from dataclasses import replace
 
@@ -16,13 +17,18 @@ from stepdiag.exporters.tables.tables import total_correction_um
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 
-RESULT = made_result({"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0], "EZX": [0, 1, 1, 2, 0]}, squareness={"C0Y": 20.0, "A0Z": -15.0})
+RESULT = made_result(
+    {"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0], "EZX": [0, 1, 1, 2, 0]},
+    squareness={"C0Y": 20.0, "A0Z": -15.0},
+)
 POINTS = grid_points_mm(VOLUME, 5)
 
 
 def written(name: str) -> tuple[list[ControlFile], Profile]:
     control, profile = controller_named(name), profile_of(name, VOLUME)
-    plan = control.plan(curves_of(RESULT, profile.machine.functions, profile.machine.squareness_into), profile)
+    plan = control.plan(
+        curves_of(RESULT, profile.machine.functions, profile.machine.squareness_into), profile
+    )
     settled = replace(profile, options=plan.options or profile.options)
     return [file for file in control.render(plan.tables, settled) if file.role == "data"], settled
 
@@ -35,7 +41,8 @@ def moved_um(name: str, files: list[ControlFile], profile: Profile) -> np.ndarra
 class TestEveryControl:
     @pytest.mark.parametrize("copied", ["COPY_", ""])
     def test_a_file_and_its_copy_never_count_twice(self, name, copied):
-        """Refused, or the same as once; `verify` and the merging of active tables go through the same door."""
+        """Refused, or the same as once; `verify` and the merging of active tables go through the
+        same door."""
         files, profile = written(name)
         twice = [*files, *(replace(file, name=copied + file.name) for file in files)]
         try:
@@ -47,7 +54,8 @@ class TestEveryControl:
         np.testing.assert_allclose(both, moved_um(name, files, profile))
 
     def test_what_is_cut_off_anywhere_is_refused_or_says_the_same(self, name):
-        """At the end of a block too, where nothing in the line tells it. A COMP_FILE ends for the control itself where it is cut."""
+        """At the end of a block too, where nothing in the line tells it. A COMP_FILE ends for the
+        control itself where it is cut."""
         if name == "linuxcnc":
             return
         files, profile = written(name)
@@ -58,7 +66,9 @@ class TestEveryControl:
                 left = moved_um(name, [cut, *files[1:]], profile)
             except (DataError, UsageError, SafetyError):
                 continue
-            np.testing.assert_allclose(left, whole, atol=0.05, err_msg=f"{count} of {len(lines)} lines")
+            np.testing.assert_allclose(
+                left, whole, atol=0.05, err_msg=f"{count} of {len(lines)} lines"
+            )
 
 
 @pytest.mark.parametrize(
@@ -72,7 +82,9 @@ class TestEveryControl:
 )
 def test_a_part_program_that_weighs_or_switches_off_is_no_source_of_active_tables(changed, found):
     control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
-    plan = control.plan(curves_of(RESULT, profile.machine.functions, profile.machine.squareness_into), profile)
+    plan = control.plan(
+        curves_of(RESULT, profile.machine.functions, profile.machine.squareness_into), profile
+    )
     programs = [file for file in control.render(plan.tables, profile) if file.name.endswith(".MPF")]
     kind = b"ENC" if b"ENC" in changed else b"CEC"
     altered = [
@@ -90,4 +102,8 @@ def test_two_tables_of_one_name_are_two_versions_of_it():
     files, profile = written("heidenhain")
     com = [file for file in files if file.name.endswith(".COM")]
     with pytest.raises(DataError, match="each table once"):
-        tables_in(controller_named("heidenhain"), [*com, replace(com[0], data=com[0].data.replace(b"+0.0030", b"+0.0031"))], profile)
+        tables_in(
+            controller_named("heidenhain"),
+            [*com, replace(com[0], data=com[0].data.replace(b"+0.0030", b"+0.0031"))],
+            profile,
+        )

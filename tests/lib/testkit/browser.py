@@ -9,7 +9,13 @@ from urllib.parse import urlsplit
 
 from playwright.sync_api import Browser, BrowserContext, Page, Playwright, Route, expect
 
-QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+QUIET = [
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
 AXE = Path(__file__).parents[2] / "page" / "node" / "node_modules" / "axe-core" / "axe.min.js"
 PATIENCE_MS = 60_000
 AWAY = "net::ERR_"
@@ -17,9 +23,11 @@ AWAY = "net::ERR_"
 
 
 def launch(playwright: Playwright) -> Browser:
-    """Return chromium; it needs no sandbox for pages of ours alone. What is awaited may take as long as a busy computer takes.
+    """Return chromium; it needs no sandbox for pages of ours alone. What is awaited may take as
+    long as a busy computer takes.
 
-    The same engine without the browser around it, which draws tabs and menus for every page: two thirds of the work.
+    The same engine without the browser around it, which draws tabs and menus for every page: two
+    thirds of the work.
     """
     expect.set_options(timeout=PATIENCE_MS)
     program = shutil.which("chromium-headless-shell")
@@ -49,13 +57,19 @@ class Watched:
         path: str = "/",
         change: Mapping[str, tuple[str, str]] | None = None,
     ) -> Page:
-        """Open the page in a context of its own and wait for the first picture; ``change`` puts other words into its scripts."""
-        context = self._browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, accept_downloads=True)
+        """Open the page in a context of its own and wait for the first picture; ``change`` puts
+        other words into its scripts."""
+        context = self._browser.new_context(
+            viewport={"width": width, "height": height}, color_scheme=scheme, accept_downloads=True
+        )
         self._contexts.append(context)
         self._addresses.add(address)
         context.set_default_timeout(PATIENCE_MS)
         page = context.new_page()
-        page.on("console", lambda message: self.complaints.append(f"console {message.type}: {message.text}"))
+        page.on(
+            "console",
+            lambda message: self.complaints.append(f"console {message.type}: {message.text}"),
+        )
         page.on("pageerror", lambda error: self.complaints.append(f"error: {error}"))
         page.on("request", lambda request: self.requests.append(request.url))
         for name, (old, new) in (change or {}).items():
@@ -64,11 +78,13 @@ class Watched:
         return page
 
     def begin_again(self, page: Page, address: str) -> None:
-        """Show an opened page that rests as it is shown the first time: half the work of a context of its own."""
+        """Show an opened page that rests as it is shown the first time: half the work of a context
+        of its own."""
         self._go(page, address)
 
     def rest(self, page: Page) -> None:
-        """Raise as `close` does; then forget all that a person did at the page and leave it where no script of ours runs."""
+        """Raise as `close` does; then forget all that a person did at the page and leave it where
+        no script of ours runs."""
         self._raise()
         page.evaluate("localStorage.clear(); sessionStorage.clear()")
         page.goto("about:blank")
@@ -94,10 +110,16 @@ class Watched:
             expect(page.locator("#machine")).to_have_text(self._machine, timeout=PATIENCE_MS)
 
     def _raise(self) -> None:
-        foreign = [url for url in self.requests if not any(url.startswith(known) for known in self._addresses)]
+        foreign = [
+            url
+            for url in self.requests
+            if not any(url.startswith(known) for known in self._addresses)
+        ]
         assert foreign == [], "no request leaves the machine"
         assert self.requests, "a page that asks for nothing shows nothing"
-        complaints = [one for one in self.complaints if not (self.daemon_may_be_away and AWAY in one)]
+        complaints = [
+            one for one in self.complaints if not (self.daemon_may_be_away and AWAY in one)
+        ]
         assert complaints == [], complaints
 
 
@@ -110,7 +132,8 @@ def _answer(route: Route, *, old: str, new: str) -> None:
 
 
 BEAT_MS = 20
-"""A beat of the page itself. One that comes later than twice this was kept waiting by others: the rest is no time of the page's."""
+"""A beat of the page itself. One that comes later than twice this was kept waiting by others: the
+rest is no time of the page's."""
 _BEAT = """(seen) => {
   const beat = { lived: 0, last: performance.now(), took: null };
   if (seen()) throw new Error("seen before it was brought about");
@@ -127,9 +150,11 @@ _BEAT = """(seen) => {
 
 
 def lived_until(page: Page, seen: str, bring_about: Callable[[], object]) -> float:
-    """Return how long a page lives, in s, from before something is brought about until ``seen``, an expression of its own, is true.
+    """Return how long a page lives, in s, from before something is brought about until ``seen``, an
+    expression of its own, is true.
 
-    Counted by the page's own beats: what a busy computer keeps from it does not count, and nothing else is taken off.
+    Counted by the page's own beats: what a busy computer keeps from it does not count, and nothing
+    else is taken off.
     """
     page.evaluate(f"({_BEAT})(() => {seen})")
     bring_about()
@@ -147,5 +172,12 @@ def violations(page: Page) -> list[str]:
         page.evaluate(AXE.read_text(encoding="utf-8"))
     tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]
     # of what is right axe describes each place too, which takes two thirds of its time
-    run = "tags => axe.run(document, { runOnly: tags, resultTypes: ['violations'] }).then((found) => found.violations)"
-    return [f"{one['id']}: {node['html'][:120]} {node['failureSummary']}" for one in page.evaluate(run, tags) for node in one["nodes"]]
+    run = (
+        "tags => axe.run(document, { runOnly: tags, resultTypes: ['violations'] }).then((found) "
+        "=> found.violations)"
+    )
+    return [
+        f"{one['id']}: {node['html'][:120]} {node['failureSummary']}"
+        for one in page.evaluate(run, tags)
+        for node in one["nodes"]
+    ]

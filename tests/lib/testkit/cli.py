@@ -1,4 +1,5 @@
-"""The command line as a person meets it, without a process for each test: same refusals, same exit codes."""
+"""The command line as a person meets it, without a process for each test: same refusals, same exit
+codes."""
 
 import socket
 import sys
@@ -15,16 +16,19 @@ from stepdiag.terminal.exits import EXIT_CODES
 
 
 class Told(NamedTuple):
-    """How a command ended: exit code, standard output, and the refusal it ended with (empty where there was none)."""
+    """How a command ended: exit code, standard output, and the refusal it ended with (empty where
+    there was none)."""
 
     code: int
     out: str
     refusal: str
 
 
-# the runner builds all commands anew for each call, which costs more than most calls: a command keeps nothing of a call
+# the runner builds all commands anew for each call, which costs more than most calls: a command
+# keeps nothing of a call
 vars(typer.testing)["_get_command"] = cache(typer.main.get_command)
-# what a command of the recorder does to its process would stay on that of the tests: less important, and on one processor
+# what a command of the recorder does to its process would stay on that of the tests: less
+# important, and on one processor
 vars(priority)["lower_priority"] = lambda: None
 
 
@@ -34,7 +38,8 @@ def _built() -> None:
 
 
 _LISTENING = ("run", "publish", "fleet", "demo", "setup")
-"""Commands that serve by purpose, and those that play a machine: `tests/system/service/test_listening.py` lists their ports."""
+"""Commands that serve by purpose, and those that play a machine:
+`tests/system/service/test_listening.py` lists their ports."""
 _watched: list[str] = []
 
 
@@ -44,7 +49,8 @@ def _audited() -> None:
 
 
 def _refuse_port(event: str, arguments: tuple[object, ...]) -> None:
-    """Raise AssertionError where a command binds a port of the network: whoever has an account of the computer could connect."""
+    """Raise AssertionError where a command binds a port of the network: whoever has an account of
+    the computer could connect."""
     if event == "socket.bind" and _watched and _watched[-1] not in _LISTENING:
         family = getattr(arguments[0], "family", None)
         if family in (socket.AF_INET, socket.AF_INET6):
@@ -61,7 +67,9 @@ def stepdiag(*arguments: object) -> Told:
     finally:
         _watched.pop()
     if isinstance(result.exception, StepdiagError):
-        code = next(code for cause, code in EXIT_CODES.items() if isinstance(result.exception, cause))
+        code = next(
+            code for cause, code in EXIT_CODES.items() if isinstance(result.exception, cause)
+        )
         return Told(code, result.stdout, str(result.exception))
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception

@@ -1,4 +1,5 @@
-"""The HAL component for LinuxCNC beside stand-ins for the control's two Python modules: a control that is on and runs a program."""
+"""The HAL component for LinuxCNC beside stand-ins for the control's two Python modules: a control
+that is on and runs a program."""
 
 import importlib.util
 import sys
@@ -13,7 +14,9 @@ def _loaded() -> ModuleType:
     control = ModuleType("linuxcnc")
     status = SimpleNamespace(poll=lambda: None, interp_state=2, task_state=4)
     vars(control).update(stat=lambda: status, INTERP_IDLE=1, STATE_ON=4, error=RuntimeError)
-    spec = importlib.util.spec_from_file_location("stepdiag_modbus", Path(made.__file__).with_name(made.COMPONENT))
+    spec = importlib.util.spec_from_file_location(
+        "stepdiag_modbus", Path(made.__file__).with_name(made.COMPONENT)
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -1,4 +1,5 @@
-"""What every wire format must hold to, whatever it is: inherited by the test class of each decoder."""
+"""What every wire format must hold to, whatever it is: inherited by the test class of each
+decoder."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -29,7 +30,10 @@ class DecoderContract:
         stream = data.draw(self.streams)
         whole = feed_all(self.make(), [stream])
         assert_same(whole, feed_all(self.make(), pieces(stream, cuts)))
-        assert_same(whole, feed_all(self.make(), [stream[at : at + 1] for at in range(len(stream))] or [b""]))
+        assert_same(
+            whole,
+            feed_all(self.make(), [stream[at : at + 1] for at in range(len(stream))] or [b""]),
+        )
 
     @INHERITED
     @given(stream=st.binary(max_size=3000))
@@ -71,18 +75,24 @@ class SteadyDecoderContract(DecoderContract):
         assert np.array_equal(joined(wanted).arrival_ns, joined(found).arrival_ns)
 
     def test_plain_samples_are_really_taken_at_once(self):
-        """And where one is missing nothing is taken: what comes then is the same as if nobody had asked."""
+        """And where one is missing nothing is taken: what comes then is the same as if nobody had
+        asked."""
         stream = b"".join(self.plain(number) for number in range(1, 81))
-        _, at_once = fed_together(self.make(), [(stream[at : at + 17], at) for at in range(0, len(stream), 17)], 5)
+        _, at_once = fed_together(
+            self.make(), [(stream[at : at + 17], at) for at in range(0, len(stream), 17)], 5
+        )
         assert at_once > 5
         decoder = self.make()
         decoder.feed(b"".join(self.plain(number) for number in range(1, 6)), 0)
         assert decoder.feed_steady([(self.plain(6), 1), (self.plain(8), 2)]) is None
-        assert decoder.feed(self.plain(6), 1).counter.tolist() == [decoder.feed(self.plain(7), 2).counter[0] - 1]
+        assert decoder.feed(self.plain(6), 1).counter.tolist() == [
+            decoder.feed(self.plain(7), 2).counter[0] - 1
+        ]
 
 
 def fed_together(decoder, chunks, together):
-    """Return what a decoder makes of chunks (bytes, arrival in ns), so many at once where it takes them so, and how often it did."""
+    """Return what a decoder makes of chunks (bytes, arrival in ns), so many at once where it takes
+    them so, and how often it did."""
     found, at_once = [], 0
     for first in range(0, len(chunks), together):
         group = chunks[first : first + together]
@@ -93,9 +103,15 @@ def fed_together(decoder, chunks, together):
 
 
 def assert_sound(samples):
-    """Columns of one length, a counter that only grows, remarks at samples that exist, positions that are numbers or flagged."""
+    """Columns of one length, a counter that only grows, remarks at samples that exist, positions
+    that are numbers or flagged."""
     count = len(samples)
-    assert all(len(column) == count for column in (samples.position_mm, samples.beam, samples.flags, samples.arrival_ns))
+    assert all(
+        len(column) == count
+        for column in (samples.position_mm, samples.beam, samples.flags, samples.arrival_ns)
+    )
     assert (np.diff(samples.counter) > 0).all()
     assert all(0 <= notice.index <= count for notice in samples.notices)
-    assert (np.isfinite(samples.position_mm) | (samples.flags != 0)).all() or samples.channels is not None
+    assert (
+        np.isfinite(samples.position_mm) | (samples.flags != 0)
+    ).all() or samples.channels is not None

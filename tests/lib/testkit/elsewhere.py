@@ -1,7 +1,9 @@
-"""stepdiag as on Windows, as far as Linux can play it: ``python -m testkit.elsewhere`` runs the calls that come as JSON on standard input.
+"""stepdiag as on Windows, as far as Linux can play it: ``python -m testkit.elsewhere`` runs the
+calls that come as JSON on standard input.
 
-What Windows has not is taken away after the libraries are loaded, for they have releases of their own for Windows. What Windows does
-otherwise with an open file (no removal, no renaming) is not played.
+What Windows has not is taken away after the libraries are loaded, for they have releases of their
+own for Windows. What Windows does otherwise with an open file (no removal, no renaming) is not
+played.
 """
 
 import importlib.abc
@@ -23,15 +25,57 @@ import numpy as np  # noqa: F401
 MODULES = ("fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty")
 NAMES: dict[Any, tuple[str, ...]] = {
     os: (
-        "O_CLOEXEC", "O_DIRECTORY", "O_DSYNC", "O_NOCTTY", "O_NOFOLLOW", "O_NONBLOCK", "O_PATH", "O_SYNC", "O_TMPFILE", "chown",
-        "fchmod", "fchown", "fdatasync", "fork", "getegid", "geteuid", "getgid", "getpgid", "getpriority", "getuid", "killpg", "mkfifo",
-        "nice", "openpty", "posix_fallocate", "pread", "pwrite", "sched_getaffinity", "sched_setaffinity", "setpriority", "setsid",
-        "statvfs", "sync", "sysconf", "ttyname", "uname",
+        "O_CLOEXEC",
+        "O_DIRECTORY",
+        "O_DSYNC",
+        "O_NOCTTY",
+        "O_NOFOLLOW",
+        "O_NONBLOCK",
+        "O_PATH",
+        "O_SYNC",
+        "O_TMPFILE",
+        "chown",
+        "fchmod",
+        "fchown",
+        "fdatasync",
+        "fork",
+        "getegid",
+        "geteuid",
+        "getgid",
+        "getpgid",
+        "getpriority",
+        "getuid",
+        "killpg",
+        "mkfifo",
+        "nice",
+        "openpty",
+        "posix_fallocate",
+        "pread",
+        "pwrite",
+        "sched_getaffinity",
+        "sched_setaffinity",
+        "setpriority",
+        "setsid",
+        "statvfs",
+        "sync",
+        "sysconf",
+        "ttyname",
+        "uname",
     ),
-    signal: ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGUSR1", "SIGUSR2", "pthread_sigmask", "setitimer"),
+    signal: (
+        "SIGALRM",
+        "SIGCHLD",
+        "SIGHUP",
+        "SIGKILL",
+        "SIGPIPE",
+        "SIGUSR1",
+        "SIGUSR2",
+        "pthread_sigmask",
+        "setitimer",
+    ),
     select: ("poll", "epoll"),
     socket: ("AF_UNIX", "SO_PEERCRED"),
-}  # fmt: skip
+}
 
 
 class _None(importlib.abc.MetaPathFinder):
@@ -70,7 +114,11 @@ def _opened(was: Callable[..., int]) -> Callable[..., int]:
 
 def contents(folder: Path) -> dict[Path, bytes]:
     """Return the files of a folder, each by its place in it."""
-    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        path.relative_to(folder): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 def put_back(folder: Path, files: dict[Path, bytes]) -> None:
@@ -88,7 +136,8 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def main() -> None:
-    """Run each call in the working folder, which is brought back to what it held; print end, answer and files of each."""
+    """Run each call in the working folder, which is brought back to what it held; print end, answer
+    and files of each."""
     take_away()
     from testkit.cli import stepdiag
 

@@ -27,7 +27,8 @@ QUARTER = timedelta(days=91)
 
 
 def series_of(store: Store, machine: str = "", software: str = "") -> tuple[Series, ...]:
-    """Return the series of a store whose tables are all whole. Raises DataError with the name of one that is not."""
+    """Return the series of a store whose tables are all whole. Raises DataError with the name of
+    one that is not."""
     history = history_in(store, NOW, machine, software)
     for left in history.left_out:
         if left.damaged:
@@ -44,16 +45,27 @@ def made_series(
     surveys: tuple[Survey, ...] | None = None,
     days: float = 91.0,
 ) -> Series:
-    """Return one number of a machine over time, a survey a quarter; ``common`` is the share of u that all surveys have in common."""
+    """Return one number of a machine over time, a survey a quarter; ``common`` is the share of u
+    that all surveys have in common."""
     count, known = len(values), np.nan if u is None else u
     if surveys is None:
-        surveys = tuple(Survey(time=FIRST + number * timedelta(days=days), name=str(number)) for number in range(count))
+        surveys = tuple(
+            Survey(time=FIRST + number * timedelta(days=days), name=str(number))
+            for number in range(count)
+        )
     at = np.array(values, dtype=float)[:, None]
     shown = np.column_stack([at, np.full(count, known), np.full((count, 2), np.nan)])
     return Series(
-        machine="M", quantity=quantity, unit="um", surveys=surveys, nodes_mm=np.zeros(1), values=at, u=np.full((count, 1), known),
-        common=np.full(count, common), shown=shown,
-    )  # fmt: skip
+        machine="M",
+        quantity=quantity,
+        unit="um",
+        surveys=surveys,
+        nodes_mm=np.zeros(1),
+        values=at,
+        u=np.full((count, 1), known),
+        common=np.full(count, common),
+        shown=shown,
+    )
 
 
 def finished_survey(folder: Path, machine: str = "Mill 7/ä", event: str = "") -> Path:
@@ -77,18 +89,30 @@ def write_rounds(folder: Path, squareness: Sequence[float], tolerance: float | N
         assert first.survey is not None
         facts = replace(first.survey, begun=moment, ended=moment)
         result = replace(
-            first, survey=facts, squareness=first.squareness | {"C0Y": replace(first.squareness["C0Y"], value=value, u=0.1)}, findings=()
+            first,
+            survey=facts,
+            squareness=first.squareness
+            | {"C0Y": replace(first.squareness["C0Y"], value=value, u=0.1)},
+            findings=(),
         )
         target = folder / f"{number + 1:04d}"
         target.mkdir(exist_ok=True)
-        judged = result if tolerance is None else with_tolerance(result, {"squareness_urad": tolerance})
+        judged = (
+            result if tolerance is None else with_tolerance(result, {"squareness_urad": tolerance})
+        )
         for old in target.glob(f"{RESULT}*"):
             old.unlink()
         write_hashed(target / RESULT, judged.to_json())
 
 
 def write_history(
-    store: Store, machine: str, values: list[float], *, u: float = 0.5, quantity: str = RMS, events: dict[int, str] | None = None
+    store: Store,
+    machine: str,
+    values: list[float],
+    *,
+    u: float = 0.5,
+    quantity: str = RMS,
+    events: dict[int, str] | None = None,
 ) -> list[datetime]:
     """Put one number a quarter into a store as if it had been archived; return the times."""
     times = [FIRST + number * timedelta(days=91) for number in range(len(values))]
@@ -104,7 +128,12 @@ def write_history(
             conditions="{}",
         )
         rows = [Row(quantity=quantity, axis="", position_mm=None, value=value, u=u, unit="um")]
-        put_table(store, Place(machine, str(time.year), survey), {RESULT: "0" * 64}, to_parquet(table_of(about, rows)))
+        put_table(
+            store,
+            Place(machine, str(time.year), survey),
+            {RESULT: "0" * 64},
+            to_parquet(table_of(about, rows)),
+        )
     return times
 
 
@@ -115,7 +144,14 @@ def whole_result_rows(dice: np.random.Generator, drift: float, nodes: int = 11) 
         for component in "XYZABC":
             values = np.cumsum(dice.normal(0, 1, nodes)) + drift
             rows += [
-                Row(quantity=f"E{component}{axis}", axis=axis, position_mm=100.0 * at, value=round(float(value), 6), u=0.4, unit="um")
+                Row(
+                    quantity=f"E{component}{axis}",
+                    axis=axis,
+                    position_mm=100.0 * at,
+                    value=round(float(value), 6),
+                    u=0.4,
+                    unit="um",
+                )
                 for at, value in enumerate(values)
             ]
     return rows

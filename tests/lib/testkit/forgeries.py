@@ -34,23 +34,40 @@ def table_of_ours(path: Path) -> pa.Table:
 
 
 def edited_table(
-    path: Path, column: str, edit: Callable[[list[Any]], Sequence[Any]] = list, *, statistics: bool | list[str] = False
+    path: Path,
+    column: str,
+    edit: Callable[[list[Any]], Sequence[Any]] = list,
+    *,
+    statistics: bool | list[str] = False,
 ) -> None:
-    """Change a column of a Parquet file; its marks stay. ``statistics`` are the columns for which the file states least and largest."""
+    """Change a column of a Parquet file; its marks stay. ``statistics`` are the columns for which
+    the file states least and largest."""
     table, known = table_of_ours(path), pq.read_metadata(path).metadata
     at = table.schema.get_field_index(column)
-    table = table.set_column(at, table.schema.field(at), [pa.array(edit(table[column].to_pylist()), table.schema.field(at).type)])
+    table = table.set_column(
+        at,
+        table.schema.field(at),
+        [pa.array(edit(table[column].to_pylist()), table.schema.field(at).type)],
+    )
     out = io.BytesIO()
     with pq.ParquetWriter(
-        out, table.schema, compression="zstd", compression_level=9, write_statistics=statistics or ["time"], store_schema=False
+        out,
+        table.schema,
+        compression="zstd",
+        compression_level=9,
+        write_statistics=statistics or ["time"],
+        store_schema=False,
     ) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({name: value for name, value in known.items() if name != b"ARROW:schema"})
+        writer.add_key_value_metadata(
+            {name: value for name, value in known.items() if name != b"ARROW:schema"}
+        )
     path.write_bytes(out.getvalue())
 
 
 def listed_anew(store: Store, place: Place) -> None:
-    """Write the hashes of a survey's files and of its table anew into their list: a forger who knows the chain."""
+    """Write the hashes of a survey's files and of its table anew into their list: a forger who
+    knows the chain."""
     listed = Path(store.path(place.listed))
     files = {
         name: stated if not (listed.parent / name).exists() else _hash(listed.parent / name)
@@ -81,10 +98,18 @@ def signing_key(folder: Path) -> tuple[Path, Path]:
 
     key = ec.generate_private_key(ec.SECP256R1())
     name, now = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Lab")]), datetime.now(UTC)
-    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key()).serial_number(1)
+    made = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(1)
+    )
     made = made.not_valid_before(now - timedelta(days=1)).not_valid_after(now + timedelta(days=1))
     pem = serialization.Encoding.PEM
-    (folder / "key.pem").write_bytes(key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()))
+    (folder / "key.pem").write_bytes(
+        key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    )
     (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(pem))
     return folder / "key.pem", folder / "cert.pem"
 
@@ -93,4 +118,6 @@ def rehashed(folder: Path, before: bytes, name: str) -> None:
     """Write the new hash of a file wherever the old one stands: a forger who knows the chain."""
     old, new = (hashlib.sha256(data).hexdigest() for data in (before, (folder / name).read_bytes()))
     for path in (folder / "result.json", folder / "c.xml"):
-        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8", newline="")
+        path.write_text(
+            path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8", newline=""
+        )

@@ -29,9 +29,17 @@ def root_with(folder: Path, survey: str) -> Path:
 
 def service(action: str, root: Path, *options: str, name: str = "mill") -> str:
     """Run the command; return what it says."""
-    return str(stepdiag("service", action, root / f"etc/stepdiag/{name}.toml", "--root", root, *options).out)
+    return str(
+        stepdiag(
+            "service", action, root / f"etc/stepdiag/{name}.toml", "--root", root, *options
+        ).out
+    )
 
 
 def written(root: Path) -> dict[str, tuple[str, int]]:
     """Return every file below the root with its text and its time."""
-    return {str(path.relative_to(root)): (path.read_text(), path.stat().st_mtime_ns) for path in sorted(root.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(root)): (path.read_text(), path.stat().st_mtime_ns)
+        for path in sorted(root.rglob("*"))
+        if path.is_file()
+    }

@@ -1,4 +1,5 @@
-"""Draws the pictures of docs/machinist.md from the live demo: ``PYTHONPATH=tests/lib python -m testkit.pictures``."""
+"""Draws the pictures of docs/machinist.md from the live demo: ``PYTHONPATH=tests/lib python -m
+testkit.pictures``."""
 
 import re
 import tempfile
@@ -22,11 +23,19 @@ NOBODYS_PATH = """document.querySelectorAll("[data-link=laser] small").forEach((
 })"""
 """Where the virtual laser stands is a folder of this computer."""
 SEED, COMPLETE_S = 1, 900.0
-PANELS = {"lead": ".lead", "now": ".reading", "align": ".aid", "deviations": ".pass", "survey": ".survey", "findings": ".findings"}
+PANELS = {
+    "lead": ".lead",
+    "now": ".reading",
+    "align": ".aid",
+    "deviations": ".pass",
+    "survey": ".survey",
+    "findings": ".findings",
+}
 
 
 def draw(folder: Path) -> None:
-    """Write one picture for each thing the guide speaks of: `stepdiag demo --live` with its laser unplugged, and a survey to its end."""
+    """Write one picture for each thing the guide speaks of: `stepdiag demo --live` with its laser
+    unplugged, and a survey to its end."""
     with _demonstrated(WATCHED) as (hand, page):
         expect(page.locator("body")).to_have_attribute("data-stage", "set-up")
         _take(page, folder, "align", screen="next")
@@ -46,7 +55,8 @@ def draw(folder: Path) -> None:
 
 
 class Hand:
-    """The person at the demo: presses what is asked of it, and Enter wherever a program is waited for once it is to be completed."""
+    """The person at the demo: presses what is asked of it, and Enter wherever a program is waited
+    for once it is to be completed."""
 
     def __init__(self) -> None:
         self.page: Queue[tuple[str, str]] = Queue()
@@ -84,7 +94,11 @@ class Hand:
 def _demonstrated(pace: Pace) -> Iterator[tuple[Hand, Page]]:
     """Run the live demo and look at its page while the block runs."""
     hand = Hand()
-    with tempfile.TemporaryDirectory() as work, ThreadPoolExecutor(1) as running, sync_playwright() as playwright:
+    with (
+        tempfile.TemporaryDirectory() as work,
+        ThreadPoolExecutor(1) as running,
+        sync_playwright() as playwright,
+    ):
         demo = running.submit(live, Path(work) / "demo", SEED, hand, pace)
         try:
             address, token = hand.page.get(timeout=READY_S)

@@ -1,4 +1,5 @@
-"""A source for the page that plays a survey: what the daemon would say, without machine, laser or log."""
+"""A source for the page that plays a survey: what the daemon would say, without machine, laser or
+log."""
 
 import asyncio
 import shutil
@@ -62,7 +63,8 @@ COUNTS_LOST = tuple(
 
 
 class PlayedSurvey:
-    """Implements `daq.records.status.StatusSource`. Fed like the daemon is: `laser_speaks` and `plc_speaks` keep the links young."""
+    """Implements `daq.records.status.StatusSource`. Fed like the daemon is: `laser_speaks` and
+    `plc_speaks` keep the links young."""
 
     def __init__(self, folder: Path) -> None:
         self.place = folder
@@ -108,23 +110,42 @@ class PlayedSurvey:
         now = time.monotonic()
         links = {name: self._link(name, now - heard) for name, heard in self._heard.items()}
         setups, expects = self.fields["setups"], self.fields["expects_setup"]
-        runs = tuple(Run(setup=name) for name in dict.fromkeys((*(one.name for one in setups), expects)) if name)
-        drawn = geometry(Plan(volume=VOLUME, runs=runs), setups, expects, self.fields.get("expects_pass", 1))
+        runs = tuple(
+            Run(setup=name)
+            for name in dict.fromkeys((*(one.name for one in setups), expects))
+            if name
+        )
+        drawn = geometry(
+            Plan(volume=VOLUME, runs=runs), setups, expects, self.fields.get("expects_pass", 1)
+        )
         fields = {"strip": self._strip(now), **self.fields}
-        return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", geometry=drawn, **links, **fields)
+        return Snapshot(
+            sequence=self._sequence,
+            wall_time="2026-01-01T00:00:00Z",
+            geometry=drawn,
+            **links,
+            **fields,
+        )
 
     def _strip(self, now: float) -> StripStatus | None:
-        """Return the newest second and a half: noise of a tenth of a micrometre about the reading; nothing while the laser is silent."""
+        """Return the newest second and a half: noise of a tenth of a micrometre about the reading;
+        nothing while the laser is silent."""
         if "laser" in self.silent:
             return None
         first = int(now / STRIP_BIN_S) - STRIP_BINS + 1
         noise = 1e-4 * np.sin(0.7 * np.arange(first, first + STRIP_BINS) ** 2)
-        low, high = (tuple((self.fields["reading_mm"] + noise + side).tolist()) for side in (-5e-5, 5e-5))
+        low, high = (
+            tuple((self.fields["reading_mm"] + noise + side).tolist()) for side in (-5e-5, 5e-5)
+        )
         return StripStatus(first=first, bin_s=STRIP_BIN_S, low_mm=low, high_mm=high)
 
     def _link(self, name: str, age_s: float) -> LinkStatus:
         address = {"laser": "/dev/ttyUSB0", "plc": "127.0.0.1:502"}[name]
-        return LinkStatus(state="silent" if name in self.silent and age_s > 2 else "connected", address=address, age_s=age_s)
+        return LinkStatus(
+            state="silent" if name in self.silent and age_s > 2 else "connected",
+            address=address,
+            age_s=age_s,
+        )
 
     async def changed(self, sequence: int) -> None:
         while sequence == self._sequence:
@@ -154,19 +175,33 @@ class PlayedSurvey:
         deviation = 4 * np.sin(stop / 5) + 0.1 * stop * (1 if pass_number % 2 else -1)
         x, y, z = stops[stop].tolist()
         captured = StopStatus(
-            setup=setup, pass_number=pass_number, stop=stop, position_mm=(x, y, z), u_um=0.3,
-            reading_mm=float(np.linalg.norm(stops[stop] - stops[0])), deviation_um=float(deviation),
+            setup=setup,
+            pass_number=pass_number,
+            stop=stop,
+            position_mm=(x, y, z),
+            u_um=0.3,
+            reading_mm=float(np.linalg.norm(stops[stop] - stops[0])),
+            deviation_um=float(deviation),
             place=stop if pass_number % 2 else len(stops) - 1 - stop,
-        )  # fmt: skip
+        )
         kept = [one for one in self.fields["stops"] if one.setup == setup]
         after = min(stop + 1, len(stops) - 1)
         axis = AXES[int(np.argmax(np.abs(stops[after] - stops[stop])))]
         self.publish(
-            phase="waiting-stop", expects_setup=setup, expects_pass=pass_number, expects_stop=after, moving_axis=axis,
-            stops=(*kept, captured), reading_mm=captured.reading_mm, commanded_mm=(x, y, z),
+            phase="waiting-stop",
+            expects_setup=setup,
+            expects_pass=pass_number,
+            expects_stop=after,
+            moving_axis=axis,
+            stops=(*kept, captured),
+            reading_mm=captured.reading_mm,
+            commanded_mm=(x, y, z),
             setups=self._progress(setup, pass_number, stop + 1),
-            seconds_left=600.0 - 4 * stop, tilt_mrad=(0.31, -0.12) if stop > 8 else None, tilt_setup=setup, tilt_live=True,
-        )  # fmt: skip
+            seconds_left=600.0 - 4 * stop,
+            tilt_mrad=(0.31, -0.12) if stop > 8 else None,
+            tilt_setup=setup,
+            tilt_live=True,
+        )
 
     def _progress(self, running: str, pass_number: int, stops_done: int) -> tuple[SetupStatus, ...]:
         at = SETUPS.index(running)
@@ -187,29 +222,66 @@ class PlayedSurvey:
         written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
         correction = exported_of(written).correction
         told = conclusion_json(
-            conclude(result, [Export(controller="siemens", untested=("EEC",), reach=REACH)]), field_of(result, correction)
+            conclude(result, [Export(controller="siemens", untested=("EEC",), reach=REACH)]),
+            field_of(result, correction),
         )
         (self.place / "conclusion.json").write_text(told, encoding="utf-8")
-        (self.place / "report.html").write_text(build_report(result, source="result.json").html, encoding="utf-8")
-        findings = tuple(FindingStatus(code=one.code, severity=one.severity, text=one.text) for one in result.findings)
+        (self.place / "report.html").write_text(
+            build_report(result, source="result.json").html, encoding="utf-8"
+        )
+        findings = tuple(
+            FindingStatus(code=one.code, severity=one.severity, text=one.text)
+            for one in result.findings
+        )
         setups = tuple(_setup(name, "done", 62) for name in SETUPS)
-        self.publish(phase="complete", expects_setup="", setups=setups, result_ready=True, findings=findings)
+        self.publish(
+            phase="complete", expects_setup="", setups=setups, result_ready=True, findings=findings
+        )
 
 
 def _setup(name: str, state: Any = "to-do", stops_done: int = 0) -> SetupStatus:
-    return SetupStatus(name=name, passes_wanted=2, passes_done=stops_done // 31, stops_wanted=62, stops_done=stops_done, state=state)
+    return SetupStatus(
+        name=name,
+        passes_wanted=2,
+        passes_done=stops_done // 31,
+        stops_wanted=62,
+        stops_done=stops_done,
+        state=state,
+    )
 
 
 def _beginning() -> dict[str, Any]:
     return {
-        "survey": "spring 2026", "machine": "VM 500", "phase": "waiting-program", "expects_setup": "npp", "expects_stop": 0,
-        "stops_in_pass": 31, "program": "O8002", "moving_axis": "", "reading_mm": 0.0, "reading_age_s": 0.01, "beam": 0.92,
-        "beam_lost": False, "stopped": True, "stop_count": 4, "head": None, "air_temperature_c": 20.41, "air_pressure_hpa": 1002.3,
-        "relative_humidity_percent": 44.0, "material_temperature_c": 20.87, "tilt_mrad": None,
-        "setups": tuple(_setup(name) for name in SETUPS), "stops": (), "findings": (), "seconds_left": None,
-        "origin_mm": VOLUME.origin_mm, "size_mm": VOLUME.size_mm, "increments": VOLUME.increments,
-        "result_ready": False, "recording": True,
-    }  # fmt: skip
+        "survey": "spring 2026",
+        "machine": "VM 500",
+        "phase": "waiting-program",
+        "expects_setup": "npp",
+        "expects_stop": 0,
+        "stops_in_pass": 31,
+        "program": "O8002",
+        "moving_axis": "",
+        "reading_mm": 0.0,
+        "reading_age_s": 0.01,
+        "beam": 0.92,
+        "beam_lost": False,
+        "stopped": True,
+        "stop_count": 4,
+        "head": None,
+        "air_temperature_c": 20.41,
+        "air_pressure_hpa": 1002.3,
+        "relative_humidity_percent": 44.0,
+        "material_temperature_c": 20.87,
+        "tilt_mrad": None,
+        "setups": tuple(_setup(name) for name in SETUPS),
+        "stops": (),
+        "findings": (),
+        "seconds_left": None,
+        "origin_mm": VOLUME.origin_mm,
+        "size_mm": VOLUME.size_mm,
+        "increments": VOLUME.increments,
+        "result_ready": False,
+        "recording": True,
+    }
 
 
 class Served:
@@ -246,7 +318,9 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *, port: int = 0, token: str = "", language: Language = "en", **settings: Any) -> Iterator[Served]:
+def served(
+    folder: Path, *, port: int = 0, token: str = "", language: Language = "en", **settings: Any
+) -> Iterator[Served]:
     """Serve a played survey while the block runs."""
     ready: list[Served] = []
     started, failed = threading.Event(), []
@@ -288,7 +362,9 @@ def served(folder: Path, *, port: int = 0, token: str = "", language: Language =
             raise failed[0]
 
 
-async def _with_stop(main: Any, stops: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]]) -> None:
+async def _with_stop(
+    main: Any, stops: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]]
+) -> None:
     stop = asyncio.Event()
     stops.append((asyncio.get_running_loop(), stop))
     await main(stop)

@@ -1,4 +1,5 @@
-"""Events for logs, and a log on disk without a thread: what the tests of recorder and logs share."""
+"""Events for logs, and a log on disk without a thread: what the tests of recorder and logs
+share."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,7 +15,12 @@ SECOND_NS = 1_000_000_000
 START_NS = 5_000 * SECOND_NS
 WALL_OFFSET_NS = 1_800_000_000 * SECOND_NS
 SURVEY = '[survey]\nname = "Prüfung"\n'
-HEADER = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS, run={"machine": "m", "setup": "ppp"})
+HEADER = LogHeader(
+    survey_text=SURVEY,
+    wall_offset_ns=WALL_OFFSET_NS,
+    start_ns=START_NS,
+    run={"machine": "m", "setup": "ppp"},
+)
 BLOCK = (ReadRange("holding", 0, 14),)
 TWO_RANGES = (ReadRange("holding", 2, 1), ReadRange("coil", 3, 9))
 
@@ -22,11 +28,17 @@ TWO_RANGES = (ReadRange("holding", 2, 1), ReadRange("coil", 3, 9))
 def laser_line(number: int) -> bytes:
     """Return a line like those of a uMD2 board at rest."""
     noise = number * 7919 % 11
-    return f"1500 {1500 + noise % 3 - 1} {1000 + noise} {noise - 5} {number * 31 % 256} {number} 0 0\r\n".encode()
+    return (
+        f"1500 {1500 + noise % 3 - 1} {1000 + noise} {noise - 5} {number * 31 % 256} {number} 0 "
+        "0\r\n"
+    ).encode()
 
 
-def recording(seconds: float, rate_hz: int = 1000, lines_per_chunk: int = 1, poll_hz: int = 50) -> list[Event]:
-    """Return what a laser and a machine give in a time: chunks with jittering stamps, polls between them."""
+def recording(
+    seconds: float, rate_hz: int = 1000, lines_per_chunk: int = 1, poll_hz: int = 50
+) -> list[Event]:
+    """Return what a laser and a machine give in a time: chunks with jittering stamps, polls between
+    them."""
     events: list[Event] = []
     polls = 0
     for first in range(0, int(seconds * rate_hz), lines_per_chunk):
@@ -42,7 +54,12 @@ def recording(seconds: float, rate_hz: int = 1000, lines_per_chunk: int = 1, pol
 
 
 def write_log(
-    path: Path, items: Iterable[Event | Note], *, flush_every: int = 500, finish: bool = True, header: LogHeader = HEADER
+    path: Path,
+    items: Iterable[Event | Note],
+    *,
+    flush_every: int = 500,
+    finish: bool = True,
+    header: LogHeader = HEADER,
 ) -> list[int]:
     """Write a log without a thread; return the file's length after each flush."""
     file = PartFile(path)
@@ -78,7 +95,10 @@ _TIMES = st.integers(0, 10**9).map(lambda microseconds: START_NS + microseconds 
 _CHUNKS = st.builds(Chunk, st.sampled_from(["laser", "head"]), _TIMES, st.binary(max_size=60))
 _BLOCKS = st.builds(
     lambda sent, answer_us, ranges, some: ModbusBlock(
-        sent, sent + answer_us * 1000, ranges, tuple(bytes(one.byte_count) if some else b"" for one in ranges)
+        sent,
+        sent + answer_us * 1000,
+        ranges,
+        tuple(bytes(one.byte_count) if some else b"" for one in ranges),
     ),
     _TIMES,
     st.integers(0, 10**6),

@@ -16,7 +16,8 @@ def pieces(data: bytes, cuts: Iterable[int]) -> list[bytes]:
 
 
 def feed_all(decoder: Decoder, chunks: Sequence[bytes]) -> Samples:
-    """Return everything the decoder makes of the chunks, as one batch; chunk number n arrives at n."""
+    """Return everything the decoder makes of the chunks, as one batch; chunk number n arrives at
+    n."""
     return joined([decoder.feed(chunk, number) for number, chunk in enumerate(chunks)])
 
 

@@ -1,4 +1,5 @@
-"""One bad pass is found, named and repaired, or refused: steps of the count, scales, warming, wander, against the exact machine."""
+"""One bad pass is found, named and repaired, or refused: steps of the count, scales, warming,
+wander, against the exact machine."""
 
 from dataclasses import replace
 
@@ -21,7 +22,8 @@ FULL = (*DIAGONALS, *LINEAR)
 
 
 def remaining_um(bench, found):
-    """Return the root mean square over the volume of estimate minus truth, rigid motion not counted."""
+    """Return the root mean square over the volume of estimate minus truth, rigid motion not
+    counted."""
     wanted = quantities(found.design.columns, found.layout.volume)
     truth, share, true = bench.truth, np.arange(bench.increments + 1) / bench.increments, []
     for name, node in zip(wanted.names, wanted.node, strict=True):
@@ -40,7 +42,8 @@ def adjusted(readings):
 
 
 def stepped(readings, size_um, seed):
-    """Return the readings with a step of the count before a stop drawn at random, and the words that name it."""
+    """Return the readings with a step of the count before a stop drawn at random, and the words
+    that name it."""
     rng = np.random.default_rng(seed)
     passes = list(readings.passes().items())
     key, rows = passes[rng.integers(len(passes))]
@@ -59,9 +62,12 @@ def codes_of(found):
 
 
 @pytest.mark.parametrize("size_um", [5.0, -200.0])
-@pytest.mark.parametrize("how", [{}, {"passes": (1, 2), "joined": True}], ids=["one-way", "out-and-back"])
+@pytest.mark.parametrize(
+    "how", [{}, {"passes": (1, 2), "joined": True}], ids=["one-way", "out-and-back"]
+)
 def test_a_step_of_the_count_is_named_and_costs_nothing(how, size_um):
-    """Driven once, another pass may explain 5 µm as well: then both are named, and nothing is exported."""
+    """Driven once, another pass may explain 5 µm as well: then both are named, and nothing is
+    exported."""
     squares = []
     for seed in range(2):
         bench = Bench(seed=seed)
@@ -70,7 +76,11 @@ def test_a_step_of_the_count_is_named_and_costs_nothing(how, size_um):
         found = adjusted(spoiled)
         (finding,) = found.findings
         assert name in finding.text
-        if (finding.key, finding.severity) == ("contradiction-ambiguous", "error") and not how and size_um == 5.0:
+        if (
+            (finding.key, finding.severity) == ("contradiction-ambiguous", "error")
+            and not how
+            and size_um == 5.0
+        ):
             continue
         assert (finding.key, finding.severity) == ("count-step", "warning")
         assert finding.size_um == pytest.approx(size_um, abs=3.0)
@@ -80,18 +90,26 @@ def test_a_step_of_the_count_is_named_and_costs_nothing(how, size_um):
 
 
 def scores(bench, result):
-    """Return estimate less truth over u of the displacement functions without slopes, of squarenesses and scales."""
+    """Return estimate less truth over u of the displacement functions without slopes, of
+    squarenesses and scales."""
     truth, share, found = bench.truth, np.arange(bench.increments + 1) / bench.increments, []
     for name in DISPLACEMENTS:
         function = result.errors[name]
-        off = function.value - function.value[-1] * share - (truth.errors[name] - truth.errors[name][-1] * share)
+        off = (
+            function.value
+            - function.value[-1] * share
+            - (truth.errors[name] - truth.errors[name][-1] * share)
+        )
         found += (off[1:-1] / function.u[1:-1]).tolist()
-    found += [(q.value - truth.squareness_urad[name]) / q.u for name, q in result.squareness.items()]
+    found += [
+        (q.value - truth.squareness_urad[name]) / q.u for name, q in result.squareness.items()
+    ]
     return found + [(s.value - truth.scale_um_m[axis]) / s.u for axis, s in result.scale.items()]
 
 
 def test_a_step_too_small_to_prove_lies_within_u_or_is_refused():
-    """2 µm are four times what one approach of an ordinary machine misses by: the noise is estimated larger, U holds the truth."""
+    """2 µm are four times what one approach of an ordinary machine misses by: the noise is
+    estimated larger, U holds the truth."""
     found = []
     for seed in range(8):
         bench = Bench(seed=seed)
@@ -107,18 +125,31 @@ def test_a_step_too_small_to_prove_lies_within_u_or_is_refused():
 def test_good_surveys_are_left_alone(angle_urad):
     for seed in range(20, 24):
         assert not codes_of(adjusted(Bench(seed=seed, angle_urad=angle_urad).survey()))
-        assert not [each.key for each in solve(Bench(seed=seed, angle_urad=angle_urad).survey()).findings if each.severity != "info"]
+        assert not [
+            each.key
+            for each in solve(Bench(seed=seed, angle_urad=angle_urad).survey()).findings
+            if each.severity != "info"
+        ]
 
 
 @pytest.mark.parametrize("setup", [*DIAGONALS, "linear-y"])
 def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
-    """Two increments, one way: seven degrees of freedom, and the step is in all residuals. In the run nothing sees it but the angles that
-    it would need."""
+    """Two increments, one way: seven degrees of freedom, and the step is in all residuals. In the
+    run nothing sees it but the angles that it would need."""
     readings = Bench(seed=1, increments=2).survey()
     for stop in range(1, 3 if setup == "linear-y" else 7, 2):
-        later = np.array([name == setup and at >= stop for name, at in zip(readings.setup, readings.stop, strict=True)])
+        later = np.array(
+            [
+                name == setup and at >= stop
+                for name, at in zip(readings.setup, readings.stop, strict=True)
+            ]
+        )
         errors = [
-            each for each in solve(replace(readings, reading_mm=readings.reading_mm + 0.2 * later)).findings if each.severity == "error"
+            each
+            for each in solve(
+                replace(readings, reading_mm=readings.reading_mm + 0.2 * later)
+            ).findings
+            if each.severity == "error"
         ]
         assert errors
         assert any(f"{setup}," in finding.text for finding in errors)
@@ -126,13 +157,16 @@ def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
 
 @pytest.mark.parametrize("step_um", [1.2, 5.0, 20.0])
 def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
-    """Steps of 1.2 µm from stop to stop are what the moves of an ordinary machine miss by; 20 µm no machine's are."""
+    """Steps of 1.2 µm from stop to stop are what the moves of an ordinary machine miss by; 20 µm no
+    machine's are."""
     for seed in (3, 4):
         bench = Bench(seed=seed)
         readings = bench.survey()
         rng, wrong = np.random.default_rng(seed), np.array(readings.setup) == "ppn"
         reading = readings.reading_mm.copy()
-        reading[wrong] += 1e-3 * np.append(0.0, np.cumsum(rng.normal(scale=step_um, size=wrong.sum() - 1)))
+        reading[wrong] += 1e-3 * np.append(
+            0.0, np.cumsum(rng.normal(scale=step_um, size=wrong.sum() - 1))
+        )
         result = solve(replace(readings, reading_mm=reading))
         refused = [finding for finding in result.findings if finding.severity == "error"]
         assert refused or step_um < 20.0
@@ -143,49 +177,66 @@ def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
 
 @pytest.mark.parametrize("um_m", [100.0, 200.0])
 def test_a_setup_that_is_off_by_more_than_any_shop_is_refused_with_every_setup_that_could_be(um_m):
-    """One length compares all seven setups. 70 µm/m on one diagonal are refused in one survey of two, 50 µm/m are said."""
+    """One length compares all seven setups. 70 µm/m on one diagonal are refused in one survey of
+    two, 50 µm/m are said."""
     for seed in (101, 102):
         readings = Bench(seed=seed).survey()
         longer = np.where(np.array(readings.setup) == "npp", 1 + 1e-6 * um_m, 1.0)
         errors = [
-            finding for finding in solve(replace(readings, reading_mm=readings.reading_mm * longer)).findings if finding.severity == "error"
+            finding
+            for finding in solve(
+                replace(readings, reading_mm=readings.reading_mm * longer)
+            ).findings
+            if finding.severity == "error"
         ]
         assert errors
         assert all(setup in finding.text for finding in errors for setup in FULL)
 
 
 def warmed(readings, um_m):
-    """Return the readings of a machine whose axes grow evenly by ``um_m`` in the course of the survey, and have their mean length."""
+    """Return the readings of a machine whose axes grow evenly by ``um_m`` in the course of the
+    survey, and have their mean length."""
     ordered = readings.select(np.concatenate(list(readings.passes().values())))
     layout = lay_out(ordered)
     grown_um_m = (ordered.time_s - ordered.time_s.mean()) / np.ptp(ordered.time_s) * um_m
-    along_m = 1e-3 * np.sum((layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1)
+    along_m = 1e-3 * np.sum(
+        (layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1
+    )
     return replace(ordered, reading_mm=ordered.reading_mm + 1e-3 * along_m * grown_um_m)
 
 
 @pytest.mark.parametrize("um_m", [24.0, 100.0])
 @pytest.mark.parametrize("how", [{}, {"passes": (1, 2)}], ids=["one-way", "out-and-back"])
 def test_a_machine_that_warms_is_in_the_model_and_blames_no_stop(um_m, how):
-    """2 and 8 K over the survey: the machine of the survey's middle lies within U, and no stop is blamed."""
+    """2 and 8 K over the survey: the machine of the survey's middle lies within U, and no stop is
+    blamed."""
     for seed in range(2):
         bench = Bench(seed=seed)
         result = solve(warmed(bench.survey(**how), um_m))
         assert np.mean(np.abs(scores(bench, result)) <= 2.0) >= 0.93
-        assert {each.key for each in result.findings if each.severity != "info"} <= {"drift-large.growth"}
+        assert {each.key for each in result.findings if each.severity != "info"} <= {
+            "drift-large.growth"
+        }
 
 
 def test_growth_that_stands_out_of_its_uncertainty_is_reported_with_its_size():
-    """100 µm/m in the 0.9 h of a survey out and back, of which the first half hour is known to 50 µm/m."""
+    """100 µm/m in the 0.9 h of a survey out and back, of which the first half hour is known to 50
+    µm/m."""
     for seed in range(2):
         readings = Bench(seed=seed).survey(passes=(1, 2))
-        (finding,) = [each for each in solve(warmed(readings, 100.0)).findings if each.key == "drift-large.growth"]
+        (finding,) = [
+            each
+            for each in solve(warmed(readings, 100.0)).findings
+            if each.key == "drift-large.growth"
+        ]
         assert finding.severity == "warning"
         assert 60.0 < finding.size_um < 160.0
         assert "drift-large.growth" not in {each.key for each in solve(readings).findings}
 
 
 def test_a_machine_that_is_warmer_at_every_setup_lies_within_u():
-    """0.3 K a setup that no thermometer told, twice the usual: good stops were blamed for it. Scales hold for the middle."""
+    """0.3 K a setup that no thermometer told, twice the usual: good stops were blamed for it.
+    Scales hold for the middle."""
     for seed in range(2):
         bench = Bench(seed=seed)
         readings = bench.survey()
@@ -193,8 +244,16 @@ def test_a_machine_that_is_warmer_at_every_setup_lies_within_u():
         warmer = np.array([setups.index(name) for name in readings.setup])
         grown = 1e-6 * 11.7 * 0.3 * (warmer - warmer.mean())
         # ten minutes to turn laser and mirror to the next setup
-        result = solve(replace(readings, reading_mm=readings.reading_mm * (1 + grown), time_s=readings.time_s + 600.0 * warmer))
-        assert {each.key for each in result.findings if each.severity != "info"} <= {"drift-large.growth"}
+        result = solve(
+            replace(
+                readings,
+                reading_mm=readings.reading_mm * (1 + grown),
+                time_s=readings.time_s + 600.0 * warmer,
+            )
+        )
+        assert {each.key for each in result.findings if each.severity != "info"} <= {
+            "drift-large.growth"
+        }
         assert np.mean(np.abs(scores(bench, result)) <= 2.0) >= 0.93
 
 
@@ -206,7 +265,9 @@ def test_the_scale_misclosure_is_reported_with_its_uncertainty():
     assert abs(apart) < 3 * u
     wrong = adjusted(replace(readings, reading_mm=readings.reading_mm * longer))
     value, u = scale_misclosure(wrong)
-    said = codes_of(wrong) | {finding.key for finding in setup_findings(wrong, setup_reports(wrong))}
+    said = codes_of(wrong) | {
+        finding.key for finding in setup_findings(wrong, setup_reports(wrong))
+    }
     assert abs(value - 14.1) < 3 * u or "contradiction-ambiguous" in said
 
 
@@ -222,20 +283,27 @@ def test_readings_that_contradict_each_other_beyond_all_hypotheses_are_refused()
 
 
 def test_a_hypothesis_is_the_least_squares_fit_with_one_more_unknown():
-    """The short cut against the long way: generalised least squares with the pattern as a further column, all matrices written out."""
+    """The short cut against the long way: generalised least squares with the pattern as a further
+    column, all matrices written out."""
     found = adjusted(Bench(seed=1, increments=3).survey())
     fit, rows = found.fit, np.flatnonzero(found.layout.pass_index == 0)
     pattern = np.tril(np.ones((len(rows), len(rows))))[:, 4:6]
     whole = np.zeros((len(fit.rows), 2))
     whole[rows] = pattern
-    covariance = np.diag(1.0 / fit.weight) + (fit.causes.pattern * fit.size**2) @ fit.causes.pattern.T
+    covariance = (
+        np.diag(1.0 / fit.weight) + (fit.causes.pattern * fit.size**2) @ fit.causes.pattern.T
+    )
     root = np.linalg.inv(np.linalg.cholesky(covariance))
-    target = fit.fixed.residual  # what the fixed unknowns leave out changes nothing in what is left for the pattern
+    target = (
+        fit.fixed.residual
+    )  # what the fixed unknowns leave out changes nothing in what is left for the pattern
     told = response_of(fit, rows, pattern)
     for place in range(2):
         columns = root @ np.column_stack([fit.rows.dense(), whole[:, place]])
         inverse = np.linalg.pinv(columns.T @ columns)
-        assert told.shown[place] / told.seen[place, place] == pytest.approx((inverse @ columns.T @ root @ target)[-1], rel=1e-6, abs=1e-9)
+        assert told.shown[place] / told.seen[place, place] == pytest.approx(
+            (inverse @ columns.T @ root @ target)[-1], rel=1e-6, abs=1e-9
+        )
         assert 1.0 / told.seen[place, place] == pytest.approx(inverse[-1, -1], rel=1e-6)
 
 

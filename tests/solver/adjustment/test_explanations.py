@@ -1,4 +1,5 @@
-"""What is beside the model of a survey competes by one number; what stays probable is in the result, of a good survey nothing."""
+"""What is beside the model of a survey competes by one number; what stays probable is in the
+result, of a good survey nothing."""
 
 from dataclasses import replace
 
@@ -35,7 +36,8 @@ def test_shares_are_probabilities_and_nothing_less_than_one_in_twenty_is_among_t
 
 @given(st.floats(-3.0, 12.0))
 def test_two_u_reach_over_every_explanation_of_one_pattern(odds):
-    """Seven explanations of one pattern: where one is true the mixture is off by t (1 - p), and 2 u is twice the root of the share."""
+    """Seven explanations of one pattern: where one is true the mixture is off by t (1 - p), and 2 u
+    is twice the root of the share."""
     share = shares(np.where(KINDS == SCALE, odds, -30.0), KINDS)
     if float(np.sum(share)) > 1.0 - SURE:
         off = 1.0 - share[KINDS == SCALE]
@@ -51,24 +53,34 @@ def test_nothing_is_left_open_of_a_good_survey(how):
         assert not {ONE_SCALE, BESIDE} & {effect.name for effect in found.effects}
 
 
-@pytest.mark.parametrize(("product", "size_um"), [("Z(yyz)", -30.0), ("X(xy)", 25.0), ("Y(xz)", 12.0)])
+@pytest.mark.parametrize(
+    ("product", "size_um"), [("Z(yyz)", -30.0), ("X(xy)", 25.0), ("Y(xz)", 12.0)]
+)
 def test_a_machine_beside_the_model_is_named_or_in_the_mixture(product, size_um):
-    """Each product is read by the diagonals alone; what explains as much as it does stays probable beside it."""
+    """Each product is read by the diagonals alone; what explains as much as it does stays probable
+    beside it."""
     for seed in (20, 21):
         readings = Bench(seed=seed).survey()
         column = size_um * products_um(lay_out(readings))[:, list(PRODUCTS).index(product)]
-        result = adjust(lay_out(replace(readings, reading_mm=readings.reading_mm + 1e-3 * column)), "FXYZ").explained
-        sizes = {list(PRODUCTS)[result.named[at]]: result.size[at] for at in result.probable(PRODUCT)}
+        result = adjust(
+            lay_out(replace(readings, reading_mm=readings.reading_mm + 1e-3 * column)), "FXYZ"
+        ).explained
+        sizes = {
+            list(PRODUCTS)[result.named[at]]: result.size[at] for at in result.probable(PRODUCT)
+        }
         assert product in sizes
         assert sizes[product] == pytest.approx(size_um, abs=0.4 * abs(size_um))
 
 
 def test_one_setup_driven_three_times_with_another_scale_is_named_alone():
-    """With the diagonals driven again one length is compared more than once, and one explanation is left."""
+    """With the diagonals driven again one length is compared more than once, and one explanation is
+    left."""
     setups = (*DIAGONALS, *LINEAR, "ppp+1", "npp+1", "pnp+1", "ppn+1")
     readings = Bench(seed=5).survey(setups)
     wrong = np.array([name == "npp+1" for name in readings.setup])
-    result = solve(replace(readings, reading_mm=readings.reading_mm * np.where(wrong, 1 + 93e-6, 1.0)))
+    result = solve(
+        replace(readings, reading_mm=readings.reading_mm * np.where(wrong, 1 + 93e-6, 1.0))
+    )
     named = [each for each in result.findings if each.key == "setup-scale-off"]
     assert [each.message.arguments["setup"] for each in named] == ["npp+1"]
     assert named[0].message.arguments["scale_um_m"] == pytest.approx(93.0, abs=10.0)

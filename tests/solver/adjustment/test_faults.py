@@ -33,24 +33,39 @@ def spoiled(readings: Readings, row: int, error_um: float) -> Readings:
 
 
 def name_of(readings: Readings, row: int) -> str:
-    return f"setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]} "
+    return (
+        f"setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]} "
+    )
 
 
 def moved(before, after) -> tuple[float, float]:
-    """Return the root mean square and the largest move of all values, in units of their uncertainty after the stop was wrong."""
+    """Return the root mean square and the largest move of all values, in units of their uncertainty
+    after the stop was wrong."""
     moves = []
     for name, function in before.errors.items():
         other = after.errors[name]
         told = other.u > 1e-9
         moves += ((other.value - function.value)[told] / other.u[told]).tolist()
-    moves += [(after.squareness[name].value - q.value) / after.squareness[name].u for name, q in before.squareness.items()]
-    moves += [(after.scale[name].value - s.value) / after.scale[name].u for name, s in before.scale.items() if s.identified]
+    moves += [
+        (after.squareness[name].value - q.value) / after.squareness[name].u
+        for name, q in before.squareness.items()
+    ]
+    moves += [
+        (after.scale[name].value - s.value) / after.scale[name].u
+        for name, s in before.scale.items()
+        if s.identified
+    ]
     return float(np.sqrt(np.mean(np.square(moves)))), float(np.max(np.abs(moves)))
 
 
-@pytest.mark.parametrize(("error_um", "rows"), [(8.0, PICKED[::3]), (-8.0, PICKED[1::3]), (5000.0, PICKED[2::3])], ids=["8", "-8", "5000"])
+@pytest.mark.parametrize(
+    ("error_um", "rows"),
+    [(8.0, PICKED[::3]), (-8.0, PICKED[1::3]), (5000.0, PICKED[2::3])],
+    ids=["8", "-8", "5000"],
+)
 def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows):
-    """On a machine that misses no target. Elsewhere (next test) its first stops may be beside them by backlash."""
+    """On a machine that misses no target. Elsewhere (next test) its first stops may be beside them
+    by backlash."""
     readings = clean(FULL, 10)[0]
     before = solve(readings, assumed=IDEAL)
     for row in rows:
@@ -66,19 +81,22 @@ def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows)
 
 @pytest.mark.parametrize("error_um", [8.0, -8.0])
 def test_a_wrong_stop_of_an_ordinary_machine_is_found_or_lies_within_u(error_um):
-    """At the first two stops it may be backlash of a pass that begins without overrun: there U holds it (1.5 u of 2). All others
-    are named."""
+    """At the first two stops it may be backlash of a pass that begins without overrun: there U
+    holds it (1.5 u of 2). All others are named."""
     readings, before = clean(FULL, 10)
     for row in PICKED[::2]:
         after = solve(spoiled(readings, row, error_um))
         texts = [finding.text for finding in after.findings if finding.key in NAMES]
-        assert any(name_of(readings, row) in text for text in texts) or readings.stop[row] < 2, name_of(readings, row)
+        assert any(name_of(readings, row) in text for text in texts) or readings.stop[row] < 2, (
+            name_of(readings, row)
+        )
         if not any(finding.severity == "error" for finding in after.findings):
             assert moved(before, after)[0] < 1.5
 
 
 def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
-    """One pass of four diagonals checks a stop through one other stop only: smoothness tells which is wrong."""
+    """One pass of four diagonals checks a stop through one other stop only: smoothness tells which
+    is wrong."""
     readings, before = clean(DIAGONALS)
     for row in range(0, 76, 11):
         after = solve(spoiled(readings, row, 5000.0))
@@ -90,9 +108,12 @@ def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
 
 
 @pytest.mark.parametrize(("error_um", "least"), [(4.0, 0), (20.0, 5)])
-def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_of_several(error_um, least):
-    """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said. 4 µm pass for noise that so few
-    readings show, and the result moves by less than its U (2 u)."""
+def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_of_several(
+    error_um, least
+):
+    """One pass of four diagonals: smoothness decides, and where it does not, every candidate is
+    said. 4 µm pass for noise that so few readings show, and the result moves by less than its U (2
+    u)."""
     readings, before = clean(DIAGONALS)
     named = 0
     for row in range(4, 76, 12):
@@ -106,15 +127,25 @@ def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_o
 
 def test_a_wrong_first_stop_is_named_although_all_others_are_relative_to_it():
     readings, before = clean(FULL)
-    reading = np.where(np.array(readings.setup) == "pnp", readings.reading_mm - 0.05, readings.reading_mm)
+    reading = np.where(
+        np.array(readings.setup) == "pnp", readings.reading_mm - 0.05, readings.reading_mm
+    )
     reading[name_index(readings, "pnp", 0)] = 0.0
     after = solve(replace(readings, reading_mm=reading))
-    assert any("setup pnp, pass 1, stop 0 " in finding.text for finding in after.findings if finding.key == "stop-outlier")
+    assert any(
+        "setup pnp, pass 1, stop 0 " in finding.text
+        for finding in after.findings
+        if finding.key == "stop-outlier"
+    )
     assert moved(before, after)[0] < 0.5
 
 
 def name_index(readings: Readings, setup: str, stop: int) -> int:
-    return next(row for row in range(len(readings)) if readings.setup[row] == setup and readings.stop[row] == stop)
+    return next(
+        row
+        for row in range(len(readings))
+        if readings.setup[row] == setup and readings.stop[row] == stop
+    )
 
 
 def test_good_surveys_are_left_alone():
@@ -126,7 +157,9 @@ def test_good_surveys_are_left_alone():
 def test_two_wrong_stops_are_both_found():
     readings, before = clean(FULL)
     after = solve(spoiled(spoiled(readings, 11, 8.0), 70, -2000.0))
-    texts = " ".join(finding.text for finding in after.findings if finding.key.startswith("stop-outlier"))
+    texts = " ".join(
+        finding.text for finding in after.findings if finding.key.startswith("stop-outlier")
+    )
     assert name_of(readings, 11) in texts
     assert name_of(readings, 70) in texts
     assert moved(before, after)[0] < 0.6
@@ -140,7 +173,10 @@ def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
     assert any("npp" in finding.text for finding in after.findings if finding.severity == "error")
     assert not {"stop-outlier", "count-step"} & {finding.key for finding in after.findings}
     # a machine that is known to repeat says which setup it is
-    known = solve(replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)), assumed=IDEAL)
+    known = solve(
+        replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)),
+        assumed=IDEAL,
+    )
     assert any("npp" in finding.text for finding in known.findings if finding.severity == "error")
 
 
@@ -153,11 +189,14 @@ def too_short(readings):
 
 @pytest.mark.parametrize(("increments", "short"), [(1, True), (2, True), (3, False)])
 def test_a_run_of_two_or_three_readings_is_too_short_to_show_a_slip(increments, short):
-    assert ("linear-x" in too_short(Bench(increments=increments).survey((*DIAGONALS, "linear-x")))) == short
+    assert (
+        "linear-x" in too_short(Bench(increments=increments).survey((*DIAGONALS, "linear-x")))
+    ) == short
 
 
 def test_a_count_of_one_reading_has_no_step_that_could_slip():
-    """The count was lost before the last stop of a run of five: four are enough to show a slip, and one alone has none."""
+    """The count was lost before the last stop of a run of five: four are enough to show a slip, and
+    one alone has none."""
     readings = Bench(increments=4).survey((*DIAGONALS, "linear-x"))
     mine = np.array(readings.setup) == "linear-x"
     zero = np.where(mine, 1 + (readings.stop == 4), readings.zero)

@@ -1,7 +1,8 @@
-"""How the machine repeats and how noisy its readings are: found from drawn surveys of known scatter, before anything is a contradiction.
+"""How the machine repeats and how noisy its readings are: found from drawn surveys of known
+scatter, before anything is a contradiction.
 
-Readings are drawn from their definition (`solver.adjustment.scatter`): a miss for each move of each axis, seen by all stops until that axis
-moves again, and a noise for each stop.
+Readings are drawn from their definition (`solver.adjustment.scatter`): a miss for each move of each
+axis, seen by all stops until that axis moves again, and a noise for each stop.
 """
 
 from dataclasses import replace
@@ -23,9 +24,11 @@ WAYS = {"once": (1,), "out and back": (1, 2), "three times": (1, 3, 5)}
 
 
 def drawn(readings, seed, *, misses_um, noise_um, stated_um=None):
-    """Return the readings of a machine that misses each target, and of a laser with noise, which it states where it is not said to lie.
+    """Return the readings of a machine that misses each target, and of a laser with noise, which it
+    states where it is not said to lie.
 
-    ``noise_um`` is a number or one for each reading. What an axis misses stays until it moves again, over the passes of a setup too.
+    ``noise_um`` is a number or one for each reading. What an axis misses stays until it moves
+    again, over the passes of a setup too.
     """
     rng = np.random.default_rng(seed)
     reading = readings.reading_mm.copy()
@@ -38,13 +41,18 @@ def drawn(readings, seed, *, misses_um, noise_um, stated_um=None):
             reading[row] += 1e-3 * miss @ along / np.linalg.norm(along)
     noise = np.broadcast_to(noise_um, len(readings))
     stated = np.maximum(noise if stated_um is None else np.full(len(readings), stated_um), 0.01)
-    return replace(readings, reading_mm=reading + 1e-3 * rng.normal(size=len(readings)) * noise, u_um=stated)
+    return replace(
+        readings, reading_mm=reading + 1e-3 * rng.normal(size=len(readings)) * noise, u_um=stated
+    )
 
 
 def three_orders(seed):
     """Return one survey in which each setup is driven once in each of three orders of the axes."""
     bench = Bench(seed=seed, increments=6, **QUIET)
-    parts = [bench.survey(DIAGONALS, passes=(number,), axis_order=order) for number, order in ((1, "xyz"), (3, "yzx"), (5, "zxy"))]
+    parts = [
+        bench.survey(DIAGONALS, passes=(number,), axis_order=order)
+        for number, order in ((1, "xyz"), (3, "yzx"), (5, "zxy"))
+    ]
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     return make_readings(setup=[name for part in parts for name in part.setup], **joined)
 
@@ -56,14 +64,22 @@ def found_in(readings, **assumed):
 @pytest.mark.parametrize("way", [*WAYS, "three orders"])
 @pytest.mark.parametrize("misses_um", [0.1, 0.5, 1.5])
 def test_the_repeatability_is_found_in_every_kind_of_survey(way, misses_um):
-    """0.5 µm assumed. The mean over four surveys within a quarter, each within a factor of 1.7: some 25 to 100 moves are checked in each.
+    """0.5 µm assumed. The mean over four surveys within a quarter, each within a factor of 1.7:
+    some 25 to 100 moves are checked in each.
 
-    0.1 µm are half the noise: there a survey tells little more than that it is no larger than 0.25 um.
+    0.1 µm are half the noise: there a survey tells little more than that it is no larger than 0.25
+    um.
     """
     sizes = []
     for seed in range(4):
-        clean = three_orders(seed) if way == "three orders" else Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=WAYS[way])
-        sizes.append(found_in(drawn(clean, seed, misses_um=misses_um, noise_um=0.2)).scatter.repeatability_um)
+        clean = (
+            three_orders(seed)
+            if way == "three orders"
+            else Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=WAYS[way])
+        )
+        sizes.append(
+            found_in(drawn(clean, seed, misses_um=misses_um, noise_um=0.2)).scatter.repeatability_um
+        )
     if misses_um < 0.2:
         assert max(sizes) < 0.25
         return
@@ -73,8 +89,9 @@ def test_the_repeatability_is_found_in_every_kind_of_survey(way, misses_um):
 
 @pytest.mark.parametrize("way", ["out and back", "three times"])
 def test_noise_beside_what_is_stated_is_told_from_misses(way):
-    """0.1 µm are stated and 0.6 µm are there, beside misses of 0.3 µm: found within a factor of 2.2, as 0.05 µm are assumed beside what is
-    stated and 0.5 µm of misses, which look much alike; and named."""
+    """0.1 µm are stated and 0.6 µm are there, beside misses of 0.3 µm: found within a factor of
+    2.2, as 0.05 µm are assumed beside what is stated and 0.5 µm of misses, which look much alike;
+    and named."""
     for seed in range(3):
         clean = Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=WAYS[way])
         found = found_in(drawn(clean, seed, misses_um=0.3, noise_um=0.6, stated_um=0.1))
@@ -88,8 +105,12 @@ def test_the_noise_of_one_setup_is_told_from_that_of_the_others():
     for seed in range(3):
         clean = Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=(1, 2))
         shaking = np.array(clean.setup) == "pnp"
-        found = found_in(drawn(clean, seed, misses_um=0.2, noise_um=np.where(shaking, 2.0, 0.1), stated_um=0.1))
-        noise = dict(zip((setup.name for setup in found.layout.setups), found.scatter.noise_um, strict=True))
+        found = found_in(
+            drawn(clean, seed, misses_um=0.2, noise_um=np.where(shaking, 2.0, 0.1), stated_um=0.1)
+        )
+        noise = dict(
+            zip((setup.name for setup in found.layout.setups), found.scatter.noise_um, strict=True)
+        )
         assert noise.pop("pnp") == pytest.approx(2.0, rel=0.35)
         assert max(noise.values()) < 0.4
         (low,) = [each for each in scatter_findings(found) if each.code == "stated-u-low"]
@@ -106,13 +127,25 @@ def test_an_uncertainty_that_is_stated_too_small_is_named_and_one_that_holds_is_
 
 
 def test_a_slip_of_20_um_does_not_make_the_machine_repeat_worse():
-    """The robust estimate leaves the slip to be found; without it the sizes are those of the survey without the slip."""
+    """The robust estimate leaves the slip to be found; without it the sizes are those of the survey
+    without the slip."""
     for seed in range(3):
-        clean = drawn(Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=(1, 2)), seed, misses_um=0.5, noise_um=0.2)
-        late = (np.array(clean.setup) == "npp") & (np.array(clean.pass_number) == 1) & (np.array(clean.stop) >= 11)
+        clean = drawn(
+            Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=(1, 2)),
+            seed,
+            misses_um=0.5,
+            noise_um=0.2,
+        )
+        late = (
+            (np.array(clean.setup) == "npp")
+            & (np.array(clean.pass_number) == 1)
+            & (np.array(clean.stop) >= 11)
+        )
         found = found_in(replace(clean, reading_mm=clean.reading_mm + 0.02 * late))
         assert {each.code for each in found.findings} == {"count-step"}
-        assert found.scatter.repeatability_um == pytest.approx(found_in(clean).scatter.repeatability_um, rel=0.2)
+        assert found.scatter.repeatability_um == pytest.approx(
+            found_in(clean).scatter.repeatability_um, rel=0.2
+        )
 
 
 @pytest.mark.parametrize("assumed_um", [0.2, 0.5, 1.5])

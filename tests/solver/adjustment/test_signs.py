@@ -1,4 +1,5 @@
-"""An angular function with the wrong sign is named, and no reading is blamed for it; a wrong reading is no wrong sign."""
+"""An angular function with the wrong sign is named, and no reading is blamed for it; a wrong
+reading is no wrong sign."""
 
 from dataclasses import replace
 
@@ -13,10 +14,16 @@ HEAD = ("EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ")
 
 
 def solved(seed, wrong=(), slip_mm=0.0, size_urad=10.0):
-    """Solve a survey with the angles of a head, some of the wrong sign, and one reading that is off."""
+    """Solve a survey with the angles of a head, some of the wrong sign, and one reading that is
+    off."""
     bench = replace(MACHINE, seed=seed, angle_urad=size_urad)
     every, readings = bench.angles(1.0), bench.survey(passes=(1, 2))
-    angles = {name: replace(every[name], value_urad=(-1.0 if name in wrong else 1.0) * every[name].value_urad) for name in HEAD}
+    angles = {
+        name: replace(
+            every[name], value_urad=(-1.0 if name in wrong else 1.0) * every[name].value_urad
+        )
+        for name in HEAD
+    }
     reading = np.array(readings.reading_mm)
     reading[seed * 7 % len(reading)] += slip_mm
     return solve(replace(readings, reading_mm=reading), chain=bench.chain, angles=angles)
@@ -31,23 +38,44 @@ def test_a_wrong_sign_is_named_before_any_reading(wrong):
     """ECY, EAZ and EBZ have no arm on a machine whose tool moves them: nothing else sees those."""
     result = solved(2, wrong)
     assert signs(result) == set(wrong) & {"EBX", "ECX", "EAY"}
-    assert not {finding.code for finding in result.findings} & {"stop-outlier", "count-step", "pass-wanders", "too-many-outliers"}
-    assert all(finding.severity == "error" for finding in result.findings if "its sign turned" in finding.text)
+    assert not {finding.code for finding in result.findings} & {
+        "stop-outlier",
+        "count-step",
+        "pass-wanders",
+        "too-many-outliers",
+    }
+    assert all(
+        finding.severity == "error"
+        for finding in result.findings
+        if "its sign turned" in finding.text
+    )
     true = replace(MACHINE, seed=2).angles(1.0)
     for name in signs(result):
         value = result.errors[name].value
         assert (
-            np.corrcoef(value[1:], np.interp(result.errors[name].position_mm, true[name].position_mm, true[name].value_urad)[1:])[0, 1]
+            np.corrcoef(
+                value[1:],
+                np.interp(
+                    result.errors[name].position_mm, true[name].position_mm, true[name].value_urad
+                )[1:],
+            )[0, 1]
             > 0.9
         )
 
 
 @pytest.mark.parametrize("wrong", [(), HEAD])
 def test_a_sign_that_nothing_sees_is_stated(wrong):
-    """Whatever sign they have; of functions that are smaller than their uncertainty nothing is stated."""
-    found = [each for each in solved(2, wrong).findings if each.key == "straightness-unchecked.angles"]
+    """Whatever sign they have; of functions that are smaller than their uncertainty nothing is
+    stated."""
+    found = [
+        each for each in solved(2, wrong).findings if each.key == "straightness-unchecked.angles"
+    ]
     assert [(each.severity, each.text[:13]) for each in found] == [("info", "EAZ, EBZ, ECY")]
-    assert not [each for each in solved(2, wrong, size_urad=0.2).findings if each.key == "straightness-unchecked.angles"]
+    assert not [
+        each
+        for each in solved(2, wrong, size_urad=0.2).findings
+        if each.key == "straightness-unchecked.angles"
+    ]
 
 
 @pytest.mark.parametrize("slip_mm", [0.0, 0.02])

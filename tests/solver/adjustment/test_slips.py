@@ -1,4 +1,5 @@
-"""How large a slip of the count may be without being noticed: what result and plan say comes true in drawn surveys of ideal machines."""
+"""How large a slip of the count may be without being noticed: what result and plan say comes true
+in drawn surveys of ideal machines."""
 
 from dataclasses import replace
 from functools import cache
@@ -29,24 +30,36 @@ SEEDS = range(40, 46)
 @cache
 def survey(seed, increments, passes):
     bench = Bench(
-        seed=seed, increments=increments, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0)
+        seed=seed,
+        increments=increments,
+        diagonal_noise_um=0.2,
+        linear_noise_um=0.2,
+        angle_urad=2.0,
+        size_mm=(300.0, 200.0, 100.0),
     )
     readings = bench.survey((*DIAGONALS, *LINEAR), passes=passes)
     return readings, solve(readings, assumed=IDEAL).unseen_slip
 
 
 def said(readings):
-    return {each.key for each in solve(readings, assumed=IDEAL).findings if each.severity != "info"} & NAMED
+    return {
+        each.key for each in solve(readings, assumed=IDEAL).findings if each.severity != "info"
+    } & NAMED
 
 
 def slip_at(setup, stop):
     """Return a slip on the way to a stop of pass 1, of no size."""
-    return UnseenSlip(setup=setup, pass_number=1, stop=stop, half_um=None, nearly_um=None, volume_um=None)
+    return UnseenSlip(
+        setup=setup, pass_number=1, stop=stop, half_um=None, nearly_um=None, volume_um=None
+    )
 
 
 def slipped(readings, at, size_um):
-    """Return the readings with a step on the way to a stop of a pass: way back, it is there from the stops with a lower number on."""
-    mine = (np.array(readings.setup) == at.setup) & (np.array(readings.pass_number) == at.pass_number)
+    """Return the readings with a step on the way to a stop of a pass: way back, it is there from
+    the stops with a lower number on."""
+    mine = (np.array(readings.setup) == at.setup) & (
+        np.array(readings.pass_number) == at.pass_number
+    )
     stop = np.array(readings.stop)
     rows = np.flatnonzero(mine)
     late = rows[np.flatnonzero(stop[rows] == at.stop)[0] :]
@@ -55,9 +68,12 @@ def slipped(readings, at, size_um):
     return replace(readings, reading_mm=reading)
 
 
-@pytest.mark.parametrize(("kind", "increments", "passes"), [("diagonals", 2, (1,)), ("runs", 3, (1,))])
+@pytest.mark.parametrize(
+    ("kind", "increments", "passes"), [("diagonals", 2, (1,)), ("runs", 3, (1,))]
+)
 def test_a_slip_of_the_size_said_is_nearly_always_named(kind, increments, passes):
-    """At the stop where it is seen least, of both signs; of half the size it mostly is not, so the size is no idle one."""
+    """At the stop where it is seen least, of both signs; of half the size it mostly is not, so the
+    size is no idle one."""
     named = []
     for seed in SEEDS:
         readings, slips = survey(seed, increments, passes)
@@ -69,14 +85,25 @@ def test_a_slip_of_the_size_said_is_nearly_always_named(kind, increments, passes
 
 
 def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result():
-    """Half the size, which nothing names: the result moves over the volume by half of what is said."""
+    """Half the size, which nothing names: the result moves over the volume by half of what is
+    said."""
     readings, slips = survey(41, 3, (1,))
     at = slips.diagonals
-    clean, wrong = solve(readings, assumed=IDEAL), solve(slipped(readings, at, 0.5 * at.half_um), assumed=IDEAL)
+    clean, wrong = (
+        solve(readings, assumed=IDEAL),
+        solve(slipped(readings, at, 0.5 * at.half_um), assumed=IDEAL),
+    )
     nodes = np.array([0, 1, 2, 3])
     x, y, z = np.meshgrid(nodes, nodes, nodes, indexing="ij")
-    off = {name: np.array(wrong.errors[name].value) - np.array(clean.errors[name].value) for name in clean.errors if name[1] in "XYZ"}
-    square = {name: wrong.squareness[name].value - clean.squareness[name].value for name in clean.squareness}
+    off = {
+        name: np.array(wrong.errors[name].value) - np.array(clean.errors[name].value)
+        for name in clean.errors
+        if name[1] in "XYZ"
+    }
+    square = {
+        name: wrong.squareness[name].value - clean.squareness[name].value
+        for name in clean.squareness
+    }
     along = {c: off[f"E{c}X"][x] + off[f"E{c}Y"][y] + off[f"E{c}Z"][z] for c in "XYZ"}
     along["X"] = along["X"] + 1e-3 * (square["B0Z"] * 100.0 / 3 * z - square["C0Y"] * 200.0 / 3 * y)
     along["Y"] = along["Y"] - 1e-3 * square["A0Z"] * 100.0 / 3 * z
@@ -86,12 +113,16 @@ def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result()
 
 @pytest.mark.parametrize("increments", [2, 5])
 def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(increments):
-    """At a drawn stop of a diagonal driven once: named, or its pass is, and the volume moves by no more than is said for the size."""
+    """At a drawn stop of a diagonal driven once: named, or its pass is, and the volume moves by no
+    more than is said for the size."""
     for seed in (50, 53):
         readings, slips = survey(seed, increments, (1,))
         rng = np.random.default_rng(seed)
         at = slip_at(DIAGONALS[rng.integers(4)], int(rng.integers(1, 3 * increments + 1)))
-        clean, wrong = solve(readings, assumed=IDEAL), solve(slipped(readings, at, 2.0), assumed=IDEAL)
+        clean, wrong = (
+            solve(readings, assumed=IDEAL),
+            solve(slipped(readings, at, 2.0), assumed=IDEAL),
+        )
         points = np.random.default_rng(1).uniform(size=(200, 3)) * (300.0, 200.0, 100.0)
         moved = error_field_um(wrong, points) - error_field_um(clean, points)
         rms_um = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
@@ -104,9 +135,16 @@ def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(
 
 @pytest.mark.parametrize("increments", [4, 5])
 def test_out_and_back_on_one_count_from_four_increments_on_2_um_are_named(increments):
-    """Readings to 0.1 µm, at a drawn stop: none of 60 surveys (four, five, ten increments) was silent."""
+    """Readings to 0.1 µm, at a drawn stop: none of 60 surveys (four, five, ten increments) was
+    silent."""
     for seed in (60, 61):
-        bench = Bench(seed=seed, increments=increments, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
+        bench = Bench(
+            seed=seed,
+            increments=increments,
+            diagonal_noise_um=0.1,
+            linear_noise_um=0.1,
+            angle_urad=2.0,
+        )
         readings = bench.survey(passes=(1, 2), joined=True)
         rng = np.random.default_rng(seed)
         setup, stop = DIAGONALS[rng.integers(4)], int(rng.integers(1, 3 * increments + 1))
@@ -115,10 +153,15 @@ def test_out_and_back_on_one_count_from_four_increments_on_2_um_are_named(increm
         assert said(replace(readings, reading_mm=readings.reading_mm + 2e-3 * late))
 
 
-@pytest.mark.parametrize("setups", [(*DIAGONALS, *LINEAR), DIAGONALS, DIAGONALS[:2]], ids=["all", "diagonals", "two diagonals"])
+@pytest.mark.parametrize(
+    "setups",
+    [(*DIAGONALS, *LINEAR), DIAGONALS, DIAGONALS[:2]],
+    ids=["all", "diagonals", "two diagonals"],
+)
 def test_a_slip_at_the_turn_that_harms_nothing_does_not_hide_those_that_do(setups):
-    """On one count it looks like backlash and is seen least of all, without runs not at all: the conclusion said that 5 µm there make
-    0.0 µm of the volume, or that nothing would tell a slip there and driving out and back would."""
+    """On one count it looks like backlash and is seen least of all, without runs not at all: the
+    conclusion said that 5 µm there make 0.0 µm of the volume, or that nothing would tell a slip
+    there and driving out and back would."""
     bench = Bench(seed=1, increments=3, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
     slips = solve(bench.survey(setups, passes=(1, 2), joined=True)).unseen_slip
     for each in slips:
@@ -141,8 +184,16 @@ def test_a_diagonal_alone_tells_no_slip_at_all():
 
 
 def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_blames_the_machine():
-    """A slip in it looks like a machine that grows: the export stops, where the growth was taken off and the scales 8 µm off."""
-    bench = Bench(seed=3, increments=2, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
+    """A slip in it looks like a machine that grows: the export stops, where the growth was taken
+    off and the scales 8 µm off."""
+    bench = Bench(
+        seed=3,
+        increments=2,
+        diagonal_noise_um=0.2,
+        linear_noise_um=0.2,
+        angle_urad=2.0,
+        size_mm=(300.0, 200.0, 100.0),
+    )
     readings = bench.survey()
     runs = solve(readings).unseen_slip.runs
     assert runs.half_um is None
@@ -154,6 +205,13 @@ def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_bl
 
 def test_a_slip_below_what_anything_is_looked_for_is_not_said_to_be_noticed():
     """With readings to 20 nm: half a micrometre is the least that is named at all."""
-    bench = Bench(seed=1, increments=6, diagonal_noise_um=0.02, linear_noise_um=0.02, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
+    bench = Bench(
+        seed=1,
+        increments=6,
+        diagonal_noise_um=0.02,
+        linear_noise_um=0.02,
+        angle_urad=2.0,
+        size_mm=(300.0, 200.0, 100.0),
+    )
     sizes = solve(bench.survey()).unseen_slip
     assert all(each.half_um >= 0.5 and each.nearly_um > each.half_um for each in sizes)

@@ -1,4 +1,5 @@
-"""Names and signs of the head's results on the machine, against rays that know nothing of either."""
+"""Names and signs of the head's results on the machine, against rays that know nothing of
+either."""
 
 import numpy as np
 import pytest
@@ -14,7 +15,14 @@ from testkit.exact.optics import RayHead, channels_of
 AXES = "xyz"
 LINEAR = DetectorAxis(curve=Curve(coefficients_um=(0.0, 5000.0)))
 DETECTOR = Detector(x=LINEAR, y=LINEAR)
-HEAD = Head(qd=DETECTOR, psd1=DETECTOR, psd2=DETECTOR, psd1_focal_length_mm=300.0, psd2_focal_length_mm=300.0, dead_path_mm=300.0)
+HEAD = Head(
+    qd=DETECTOR,
+    psd1=DETECTOR,
+    psd2=DETECTOR,
+    psd1_focal_length_mm=300.0,
+    psd2_focal_length_mm=300.0,
+    dead_path_mm=300.0,
+)
 
 
 def unit(direction):
@@ -38,32 +46,48 @@ def mounts(draw):
 
 @given(mounts(), st.integers(0, 2**32 - 1))
 def test_run_gives_back_the_errors_of_the_machine(mount, seed):
-    """Every axis, mounting and side: rays are traced with the target's true pose, names come out with ISO 230-1 signs."""
+    """Every axis, mounting and side: rays are traced with the target's true pose, names come out
+    with ISO 230-1 signs."""
     rng = np.random.default_rng(seed)
     position = np.linspace(0, 400, 5)
     displacement_um, rotation_urad = rng.uniform(-20, 20, (5, 3)), rng.uniform(-30, 30, (5, 3))
     rotation_urad[:, AXES.index(mount.axis)] = 0.0
     side = 1 if mount.target_on == "tool" else -1
-    rays = RayHead(beam=unit(mount.beam), lateral_x=unit(mount.detector_x), lateral_y=unit(mount.detector_y))
+    rays = RayHead(
+        beam=unit(mount.beam), lateral_x=unit(mount.detector_x), lateral_y=unit(mount.detector_y)
+    )
     # a target on the work side travels against the axis coordinate
     travel = side * (1 if mount.beam[0] == "+" else -1) * position
     travel = travel - travel.min()
     shifts = [
-        rays.shifts_um(300 + d, shift_mm=1e-3 * side * e, turn_urad=side * w, pointing_urad=rng.uniform(-30, 30, 2))
+        rays.shifts_um(
+            300 + d,
+            shift_mm=1e-3 * side * e,
+            turn_urad=side * w,
+            pointing_urad=rng.uniform(-30, 30, 2),
+        )
         for d, e, w in zip(travel, displacement_um, rotation_urad, strict=True)
     ]
     seen = motion(channels_of(np.array(shifts)), travel, HEAD)
     found = axis_errors(position, seen.straightness_um, seen.angle_urad, mount)
     lateral = [axis for axis in AXES if axis != mount.axis]
-    assert set(found.straightness_um) == {f"E{axis.upper()}{mount.axis.upper()}" for axis in lateral}
-    assert set(found.rotation_urad) == {f"E{'ABC'[AXES.index(axis)]}{mount.axis.upper()}" for axis in lateral}
+    assert set(found.straightness_um) == {
+        f"E{axis.upper()}{mount.axis.upper()}" for axis in lateral
+    }
+    assert set(found.rotation_urad) == {
+        f"E{'ABC'[AXES.index(axis)]}{mount.axis.upper()}" for axis in lateral
+    }
     for axis in lateral:
         column = AXES.index(axis)
         truth = displacement_um[:, column]
         line = truth[0] + (truth[-1] - truth[0]) * position / 400
-        assert found.straightness_um[f"E{axis.upper()}{mount.axis.upper()}"] == pytest.approx(truth - line, abs=0.02)
+        assert found.straightness_um[f"E{axis.upper()}{mount.axis.upper()}"] == pytest.approx(
+            truth - line, abs=0.02
+        )
         turned = rotation_urad[:, column] - rotation_urad[0, column]
-        assert found.rotation_urad[f"E{'ABC'[column]}{mount.axis.upper()}"] == pytest.approx(turned, abs=0.02)
+        assert found.rotation_urad[f"E{'ABC'[column]}{mount.axis.upper()}"] == pytest.approx(
+            turned, abs=0.02
+        )
 
 
 def test_repeated_positions_are_averaged():
@@ -76,7 +100,9 @@ def test_repeated_positions_are_averaged():
     assert found.rotation_urad["ECX"].tolist() == [0.0, -2.0]
 
 
-@pytest.mark.parametrize(("beam", "second", "field"), [("+y", "+z", "beam"), ("+x", "-y", "three different axes")])
+@pytest.mark.parametrize(
+    ("beam", "second", "field"), [("+y", "+z", "beam"), ("+x", "-y", "three different axes")]
+)
 def test_mounting_that_cannot_be_is_refused(beam, second, field):
     with pytest.raises(UsageError, match=field):
         Mount(axis="x", beam=beam, detector_x="+y", detector_y=second)

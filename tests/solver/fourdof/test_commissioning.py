@@ -22,7 +22,8 @@ def test_inverse_error_function_has_no_value_at_the_edge():
 
 
 def gaussian_cell(shift_um, radius_um):
-    """Return the reading of an ideal quadrant cell under a Gaussian spot (instruments.md section 2)."""
+    """Return the reading of an ideal quadrant cell under a Gaussian spot (instruments.md section
+    2)."""
     return np.array([math.erf(math.sqrt(2) * x / radius_um) for x in shift_um])
 
 
@@ -31,7 +32,8 @@ STRAIGHTNESS_UM = np.linspace(-650, 650, 27)
 
 @pytest.mark.parametrize(("kind", "degree"), [("erf", 1), ("erf", 3), ("polynomial", 9)])
 def test_quadrant_detector_is_straight_to_the_published_limit(kind, degree):
-    """Feng 2008: +-1.5 µm over +-650 µm of straightness; the spot moves twice that. Reference noise 0.3 µm, spot radius 2 mm."""
+    """Feng 2008: +-1.5 µm over +-650 µm of straightness; the spot moves twice that. Reference noise
+    0.3 µm, spot radius 2 mm."""
     shift = 2 * STRAIGHTNESS_UM
     noise = np.random.default_rng(3).normal(0, 0.3, len(shift))
     fit = fit_curve(gaussian_cell(shift + noise, 2000.0), shift, kind=kind, degree=degree)
@@ -42,14 +44,16 @@ def test_quadrant_detector_is_straight_to_the_published_limit(kind, degree):
 
 
 def test_straight_line_cannot_calibrate_a_quadrant_detector():
-    """instruments.md section 2: a linear scale is wrong by tens of micrometres over the published range."""
+    """instruments.md section 2: a linear scale is wrong by tens of micrometres over the published
+    range."""
     shift = 2 * STRAIGHTNESS_UM
     fit = fit_curve(gaussian_cell(shift, 2000.0), shift, kind="polynomial", degree=1)
     assert np.abs(fit.residual_um / 2).max() > 20.0
 
 
 def test_angle_detector_is_straight_to_the_published_limit():
-    """Feng 2008: +-1.5 arc-seconds over +-600; a lateral-effect detector with 0.5 % cubic distortion, f = 300 mm."""
+    """Feng 2008: +-1.5 arc-seconds over +-600; a lateral-effect detector with 0.5 % cubic
+    distortion, f = 300 mm."""
     arcsec = np.linspace(-600, 600, 25)
     shift = 2 * 300e3 * np.tan(arcsec * np.pi / 648000)
     reading = shift / 5000 * (1 - 0.005 * (shift / 1745) ** 2)
@@ -59,7 +63,8 @@ def test_angle_detector_is_straight_to_the_published_limit():
 
 
 def test_uncertainty_of_the_curve_holds_the_errors():
-    """Over 200 calibrations with 0.5 µm of noise the curve's stated u covers its error in about two of three cases."""
+    """Over 200 calibrations with 0.5 µm of noise the curve's stated u covers its error in about two
+    of three cases."""
     shift, rng = np.linspace(-500, 500, 15), np.random.default_rng(5)
     hits = [_covered(shift, shift + rng.normal(0, 0.5, 15)) for _ in range(200)]
     assert 0.6 < np.mean(hits) < 0.76
@@ -71,7 +76,9 @@ def _covered(shift, noisy):
 
 
 def test_reference_uncertainty_is_never_lost():
-    fit = fit_curve(np.linspace(-1, 1, 9) / 2, np.linspace(-500, 500, 9), degree=1, u_reference_um=0.4)
+    fit = fit_curve(
+        np.linspace(-1, 1, 9) / 2, np.linspace(-500, 500, 9), degree=1, u_reference_um=0.4
+    )
     assert fit.u_um == pytest.approx([0.4] * 9)
     assert fit.curve.u_um == pytest.approx(0.4)
 
@@ -87,7 +94,12 @@ def test_calibrated_curve_knows_where_it_ends():
     ("reading", "shift", "options", "words"),
     [
         (np.linspace(-1, 1, 5), np.linspace(-1, 1, 5), {"degree": 5}, "at least 8 rows"),
-        (np.linspace(-1, 1, 9), np.linspace(-1, 1, 9), {"degree": 1, "kind": "erf"}, "found 7 such rows"),
+        (
+            np.linspace(-1, 1, 9),
+            np.linspace(-1, 1, 9),
+            {"degree": 1, "kind": "erf"},
+            "found 7 such rows",
+        ),
         (np.linspace(-1, 1, 9), np.linspace(-1, 1, 9) ** 2, {"degree": 2}, "turns back"),
     ],
 )

@@ -11,7 +11,8 @@ from testkit.exact.surveys import Bench
 
 @pytest.mark.parametrize("angle_urad", [0.0, 20.0])
 def test_the_search_ends_where_the_likelihood_is_flat(angle_urad):
-    """A machine without angles: there the search once went to and fro between a fifth and a half of the usual size."""
+    """A machine without angles: there the search once went to and fro between a fifth and a half of
+    the usual size."""
     done = estimate(lay_out(Bench(seed=1, angle_urad=angle_urad, increments=8).survey()), "FXYZ")
     sizes, spread = done.adjustment.sizes, done.spread
     free = np.flatnonzero(sizes.sought)

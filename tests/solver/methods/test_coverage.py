@@ -7,7 +7,9 @@ from stepdiag.solver.methods.solve import solve
 from testkit.exact.surveys import DIAGONALS, Bench
 
 
-@pytest.mark.parametrize(("freedom", "factor"), [(3, 3.31), (5, 2.65), (10, 2.28), (20, 2.13), (50, 2.05), (1e6, 2.0)])
+@pytest.mark.parametrize(
+    ("freedom", "factor"), [(3, 3.31), (5, 2.65), (10, 2.28), (20, 2.13), (50, 2.05), (1e6, 2.0)]
+)
 def test_the_factor_is_that_of_the_table(freedom, factor):
     """GUM:1995, table G.2, column 95.45 %."""
     assert t_factor(freedom) == pytest.approx(factor, rel=0.02)

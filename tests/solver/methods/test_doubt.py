@@ -1,4 +1,5 @@
-"""What may be wrong with a survey is named with what it makes of the volume, and with the one setup that separates it from the others."""
+"""What may be wrong with a survey is named with what it makes of the volume, and with the one setup
+that separates it from the others."""
 
 from dataclasses import replace
 
@@ -19,7 +20,11 @@ SEEDS = (201, 202)
 
 
 def longer(readings, setup, um_m):
-    return replace(readings, reading_mm=readings.reading_mm * np.where(np.array(readings.setup) == setup, 1 + 1e-6 * um_m, 1.0))
+    return replace(
+        readings,
+        reading_mm=readings.reading_mm
+        * np.where(np.array(readings.setup) == setup, 1 + 1e-6 * um_m, 1.0),
+    )
 
 
 @pytest.mark.parametrize(("setup", "um_m"), [("npp", 93.0), ("npp", -150.0), ("linear-y", 150.0)])
@@ -28,23 +33,38 @@ def test_what_a_scale_makes_of_the_volume_is_how_far_the_result_is_off(setup, um
         readings = Bench(seed=seed).survey()
         wrong = longer(readings, setup, um_m)
         found = estimate(lay_out(wrong), "FXYZ").adjustment
-        every = [one for one in candidates(found) if one.words.key == "suspect-scale" and one.words.arguments["setup"] == setup]
-        assert [one.words.arguments["scale_um_m"] for one in every] == [pytest.approx(um_m, abs=20.0)]
+        every = [
+            one
+            for one in candidates(found)
+            if one.words.key == "suspect-scale" and one.words.arguments["setup"] == setup
+        ]
+        assert [one.words.arguments["scale_um_m"] for one in every] == [
+            pytest.approx(um_m, abs=20.0)
+        ]
         good, bad = solve(readings), solve(wrong)
         points = anywhere_mm(good.volume)
-        off_um = without_rigid_motion(good.volume, points, error_field_um(bad, points) - error_field_um(good, points))
+        off_um = without_rigid_motion(
+            good.volume, points, error_field_um(bad, points) - error_field_um(good, points)
+        )
         assert [rms_um(Volumes.of(found).apart_um(one)) for one in every] == [
             pytest.approx(float(np.sqrt(np.mean(np.sum(off_um**2, axis=1)))), rel=0.25)
         ]
 
 
-def test_a_survey_of_another_scale_names_all_that_may_be_and_a_short_setup_that_separates_it(monkeypatch):
+def test_a_survey_of_another_scale_names_all_that_may_be_and_a_short_setup_that_separates_it(
+    monkeypatch,
+):
     """Where growth explains the length as well, the lengths alone contradict nothing."""
     monkeypatch.setattr(doubt, "scale_findings", lambda _found: [])
     for seed in SEEDS:
-        (finding,) = doubt_findings(estimate(lay_out(longer(Bench(seed=seed).survey(), "npp", 40.0)), "FXYZ").adjustment)
+        (finding,) = doubt_findings(
+            estimate(lay_out(longer(Bench(seed=seed).survey(), "npp", 40.0)), "FXYZ").adjustment
+        )
         assert (finding.severity, finding.key) == ("warning", "contradiction-ambiguous.open")
-        assert all(name in finding.text for name in ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z"))
+        assert all(
+            name in finding.text
+            for name in ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
+        )
         layout = lay_out(Bench(seed=seed).survey())
         minutes = {setup.name: minutes_of(layout, setup) for setup in layout.setups}
         # every explanation is about as probable: a run takes half the minutes of a diagonal

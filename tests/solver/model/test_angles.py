@@ -38,7 +38,11 @@ def test_rendering_and_parsing_are_inverse():
 
 
 def test_a_function_must_reach_over_the_volume():
-    with pytest.raises(DataError, match=r"angles: ECX: expected positions from 0 to 300 mm, the whole volume, found 0 to 100 mm"):
+    with pytest.raises(
+        DataError,
+        match=r"angles: ECX: expected positions from 0 to 300 mm, the whole volume, found 0 to "
+        r"100 mm",
+    ):
         angle_at_nodes(parse_angles(TEXT)["ECX"], "ECX", VOLUME)
 
 

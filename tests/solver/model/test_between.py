@@ -41,7 +41,11 @@ def finer_runs():
 def test_a_finer_linear_run_is_known_at_all_its_positions(finer_runs):
     bench, readings = finer_runs
     result = solve(readings)
-    assert not [finding.code for finding in result.findings if finding.code in ("pass-wanders", "noise-high", "stated-u-low")]
+    assert not [
+        finding.code
+        for finding in result.findings
+        if finding.code in ("pass-wanders", "noise-high", "stated-u-low")
+    ]
     for name in ("EXX", "EYY", "EZZ"):
         off, u = off_truth(bench, result, name)
         assert len(off) == 20
@@ -66,7 +70,9 @@ def test_diagonals_whose_stops_do_not_meet_are_taken_together():
     assert not [finding.code for finding in result.findings if finding.severity == "error"]
     for name in ("EXX", "EYY", "EZZ"):
         off, u = off_truth(six, result, name)
-        assert len(off) == 6, "what a diagonal alone saw between the nodes is a sum, no value of one function"
+        assert len(off) == 6, (
+            "what a diagonal alone saw between the nodes is a sum, no value of one function"
+        )
         assert np.all(np.abs(off) <= 3 * u)
 
 
@@ -75,12 +81,16 @@ def test_on_the_nodes_there_is_nothing_between():
 
 
 def test_a_program_with_one_decimal_knows_no_more_between_the_nodes_than_an_exact_one():
-    """Stops 0.03 mm beside their nodes stood as values of their own, and what is between them counted as half known: 1.05 of 1.60 um."""
+    """Stops 0.03 mm beside their nodes stood as values of their own, and what is between them
+    counted as half known: 1.05 of 1.60 um."""
     survey = Bench(seed=3, increments=7).survey()
     exact = survey.select(np.concatenate(list(survey.passes().values())))
     layout, position_mm = lay_out(exact), np.round(exact.position_mm, 1)
     moved_mm = np.sum((position_mm - exact.position_mm) * layout.direction, axis=1)
-    found, rounded = solve(exact), solve(replace(exact, position_mm=position_mm, reading_mm=exact.reading_mm + moved_mm))
+    found, rounded = (
+        solve(exact),
+        solve(replace(exact, position_mm=position_mm, reading_mm=exact.reading_mm + moved_mm)),
+    )
     assert rounded.volumetric_u_um == pytest.approx(found.volumetric_u_um, rel=0.02)
     for name in ("EXX", "EYY", "EZZ"):
         assert rounded.errors[name].position_mm == pytest.approx(found.errors[name].position_mm)
@@ -89,11 +99,14 @@ def test_a_program_with_one_decimal_knows_no_more_between_the_nodes_than_an_exac
 def passed(name, *position_mm):
     """A head's pass in a function, at positions in mm."""
     there = np.array(position_mm)
-    return MeasuredStraightness(name=name, position_mm=there, value_um=0.0 * there, u_um=0.0 * there + 0.5)
+    return MeasuredStraightness(
+        name=name, position_mm=there, value_um=0.0 * there, u_um=0.0 * there + 0.5
+    )
 
 
 def test_a_head_off_the_nodes_sees_a_bridge_in_every_cell():
-    """Zero at both nodes, `USUAL_UM` in the middle, in no other cell and in no other function; two passes of a function see the same."""
+    """Zero at both nodes, `USUAL_UM` in the middle, in no other cell and in no other function; two
+    passes of a function see the same."""
     layout = lay_out(Bench(size_mm=(400.0, 300.0, 200.0), increments=2).survey())
     measured = (
         passed("EYX", 0.0, 50.0, 100.0, 200.0, 250.0, 400.0),
@@ -116,7 +129,9 @@ def test_a_head_off_the_nodes_sees_a_bridge_in_every_cell():
 
 
 def test_where_a_head_alone_passed_no_positioning_was_measured():
-    layout = lay_out(joined(Bench(increments=2).survey(DIAGONALS), Bench(increments=4).survey(LINEAR)))
+    layout = lay_out(
+        joined(Bench(increments=2).survey(DIAGONALS), Bench(increments=4).survey(LINEAR))
+    )
     step = layout.volume.size_mm[0] / 8
     between = between_of(layout, (passed("EYX", step, 2 * step + 0.004, 4 * step),))
     assert between.axes[0].position_mm == pytest.approx([step, 2 * step, 6 * step])

@@ -10,13 +10,19 @@ from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, Bench
 
-BENCH = Bench(diagonal_noise_um=0.0, linear_noise_um=0.0, increments=5, origin_mm=(-100.0, 20.0, 5.0))
+BENCH = Bench(
+    diagonal_noise_um=0.0, linear_noise_um=0.0, increments=5, origin_mm=(-100.0, 20.0, 5.0)
+)
 SURVEY = BENCH.survey()
 
 
 def without(readings: Readings, setup: str, stop: int, *, renumber: bool) -> Readings:
     """Leave out one stop; the later ones close the gap where ``renumber``."""
-    rows = [row for row in range(len(readings)) if not (readings.setup[row] == setup and readings.stop[row] == stop)]
+    rows = [
+        row
+        for row in range(len(readings))
+        if not (readings.setup[row] == setup and readings.stop[row] == stop)
+    ]
     left = readings.select(rows)
     later = (np.array(left.setup) == setup) & (left.stop > stop)
     return replace(left, stop=left.stop - later) if renumber else left
@@ -24,7 +30,9 @@ def without(readings: Readings, setup: str, stop: int, *, renumber: bool) -> Rea
 
 def with_values(readings: Readings, setup: str, change) -> Readings:
     mine = np.array(readings.setup) == setup
-    return replace(readings, reading_mm=np.where(mine, change(readings.reading_mm), readings.reading_mm))
+    return replace(
+        readings, reading_mm=np.where(mine, change(readings.reading_mm), readings.reading_mm)
+    )
 
 
 def test_the_volume_follows_from_the_diagonals():
@@ -52,7 +60,9 @@ def test_the_spot_stays_on_the_beam_and_under_the_mirror():
 @pytest.mark.parametrize("stop", [1, 7, 14])
 def test_a_stop_left_out_in_the_middle_is_named(stop):
     with pytest.raises(
-        DataError, match=rf"morning: setup pnp, pass 1, stop {stop}: expected a move of one axis|expected 3 moves in each step"
+        DataError,
+        match=rf"morning: setup pnp, pass 1, stop {stop}: expected a move of one axis|expected 3 "
+        r"moves in each step",
     ):
         lay_out(without(SURVEY, "pnp", stop, renumber=True), "morning")
 
@@ -63,14 +73,22 @@ def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_befo
     (finding,) = layout.findings
     assert finding.code == "stop-missing"
     assert f"setup {setup}, pass 1, stop {stop};" in finding.text
-    left = [row for row in range(len(whole)) if str(whole.place(row)) != f"setup {setup}, pass 1, stop {stop}"]
+    left = [
+        row
+        for row in range(len(whole))
+        if str(whole.place(row)) != f"setup {setup}, pass 1, stop {stop}"
+    ]
     assert layout.deviation_um == pytest.approx(whole.deviation_um[left])
     assert layout.volume == whole.volume
 
 
 def test_a_gap_does_not_excuse_a_pass_that_drives_elsewhere():
     wrong = without(SURVEY, "pnp", 7, renumber=False)
-    at = {stop: row for row, (name, stop) in enumerate(zip(wrong.setup, wrong.stop.tolist(), strict=True)) if name == "pnp"}
+    at = {
+        stop: row
+        for row, (name, stop) in enumerate(zip(wrong.setup, wrong.stop.tolist(), strict=True))
+        if name == "pnp"
+    }
     position = wrong.position_mm.copy()
     position[at[8]] = position[at[9]]
     with pytest.raises(DataError, match="setup pnp, pass 1, stop 8"):
@@ -83,7 +101,13 @@ def test_a_single_diagonal_with_a_gap_keeps_its_increments():
 
 def test_a_pass_that_was_cut_off_is_refused():
     for last in (15, 14, 13):
-        short = SURVEY.select([row for row in range(len(SURVEY)) if SURVEY.setup[row] != "npp" or SURVEY.stop[row] < last])
+        short = SURVEY.select(
+            [
+                row
+                for row in range(len(SURVEY))
+                if SURVEY.setup[row] != "npp" or SURVEY.stop[row] < last
+            ]
+        )
         with pytest.raises(DataError, match=r"setup npp"):
             lay_out(short)
 
@@ -92,31 +116,43 @@ def test_a_diagonal_of_another_box_is_refused():
     other = replace(BENCH, size_mm=(500.0, 420.0, 300.0)).survey(["ppn"])
     rest = BENCH.survey(["ppp", "npp", "pnp"])
     both = {
-        name: np.concatenate([getattr(rest, name), getattr(other, name)]) for name in ("pass_number", "stop", "position_mm", "reading_mm")
+        name: np.concatenate([getattr(rest, name), getattr(other, name)])
+        for name in ("pass_number", "stop", "position_mm", "reading_mm")
     }
     with pytest.raises(DataError, match=r"setup .*expected Y from 20 to 440 mm"):
         lay_out(make_readings(setup=[*rest.setup, *other.setup], **both))
 
 
 def test_a_setup_that_drives_another_diagonal_is_refused():
-    swapped = replace(SURVEY, setup=tuple({"ppp": "npp", "npp": "ppp"}.get(name, name) for name in SURVEY.setup))
+    swapped = replace(
+        SURVEY, setup=tuple({"ppp": "npp", "npp": "ppp"}.get(name, name) for name in SURVEY.setup)
+    )
     with pytest.raises(
-        DataError, match=r"setup ppp, pass 1, stop 1: expected a move of one axis, X\+ or Y\+ or Z\+, from stop 0, found X by -100 mm"
+        DataError,
+        match=r"setup ppp, pass 1, stop 1: expected a move of one axis, X\+ or Y\+ or Z\+, from "
+        r"stop 0, found X by -100 mm",
     ):
         lay_out(swapped)
 
 
 def test_a_wrong_sign_and_a_wrong_unit_of_the_laser_are_told_apart():
-    with pytest.raises(DataError, match=r"setup ppn, pass 1: expected readings that grow .* the opposite sign; set the sign of the laser"):
+    with pytest.raises(
+        DataError,
+        match=r"setup ppn, pass 1: expected readings that grow .* the opposite sign; set the "
+        r"sign of the laser",
+    ):
         lay_out(with_values(SURVEY, "ppn", np.negative))
     with pytest.raises(
-        DataError, match=r"setup ppn, pass 1: expected steps of the laser that agree .* found 1e\+03 of them|found 1000 of them"
+        DataError,
+        match=r"setup ppn, pass 1: expected steps of the laser that agree .* found 1e\+03 of "
+        r"them|found 1000 of them",
     ):
         lay_out(with_values(SURVEY, "ppn", lambda reading: 1000 * reading))
 
 
 def test_a_linear_run_may_start_at_the_high_end_with_the_laser_there():
-    """A reading grows away from the laser: the same machine error then counts with the opposite sign."""
+    """A reading grows away from the laser: the same machine error then counts with the opposite
+    sign."""
     forward = BENCH.survey([*DIAGONALS, "linear-y"])
     mine = np.array(forward.setup) == "linear-y"
     order = np.concatenate([np.flatnonzero(~mine), np.flatnonzero(mine)[::-1]])
@@ -139,7 +175,8 @@ def test_stops_beyond_the_diagonals_are_left_out_and_said():
     longer = BENCH.survey(DIAGONALS)
     run = replace(BENCH, size_mm=(600.0, 400.0, 300.0), increments=6).survey(["linear-x"])
     joined = {
-        name: np.concatenate([getattr(longer, name), getattr(run, name)]) for name in ("pass_number", "stop", "position_mm", "reading_mm")
+        name: np.concatenate([getattr(longer, name), getattr(run, name)])
+        for name in ("pass_number", "stop", "position_mm", "reading_mm")
     }
     layout = lay_out(make_readings(setup=[*longer.setup, *run.setup], **joined))
     assert len(layout) == len(longer) + 6
@@ -157,7 +194,11 @@ def test_an_axis_that_no_setup_travels_has_no_length():
 
 def test_no_readings_are_refused():
     with pytest.raises(DataError, match="expected readings, found none"):
-        lay_out(make_readings(setup=[], pass_number=[], stop=[], position_mm=np.zeros((0, 3)), reading_mm=[]))
+        lay_out(
+            make_readings(
+                setup=[], pass_number=[], stop=[], position_mm=np.zeros((0, 3)), reading_mm=[]
+            )
+        )
 
 
 @pytest.mark.parametrize("first", [0, 1, 7])

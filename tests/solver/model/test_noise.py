@@ -27,5 +27,7 @@ def test_rows_that_are_left_out_tell_nothing_of_it():
     """A hundred of 500 have no weight: neither their residuals nor their number count."""
     weight = np.append(np.full(400, 4.0), np.zeros(100))
     found = mean_of(np.append(VALUES_UM, np.full(100, 50.0)), weight)
-    assert variance_scale(found, np.arange(500)) == pytest.approx(variance_scale(mean_of(VALUES_UM, np.full(400, 4.0)), np.arange(400)))
+    assert variance_scale(found, np.arange(500)) == pytest.approx(
+        variance_scale(mean_of(VALUES_UM, np.full(400, 4.0)), np.arange(400))
+    )
     assert variance_scale(found, np.arange(400, 500)) is None

@@ -1,4 +1,5 @@
-"""The straightness file: written and read back, weighed by its uncertainty in `solve`, and refused by line and column."""
+"""The straightness file: written and read back, weighed by its uncertainty in `solve`, and refused
+by line and column."""
 
 from dataclasses import replace
 
@@ -14,11 +15,15 @@ from testkit.exact.surveys import Bench
 
 def test_what_is_written_is_read_back_and_weighs_the_same():
     bench = Bench(seed=3, increments=4, angle_urad=10.0)
-    measured = [replace(one, position_mm=np.round(one.position_mm, 6)) for one in straightness(bench, 3)]
+    measured = [
+        replace(one, position_mm=np.round(one.position_mm, 6)) for one in straightness(bench, 3)
+    ]
     text = render_straightness(measured)
     again = parse_straightness(text, "straightness.csv")
     assert render_straightness(again) == text
-    assert {(one.name, one.approach) for one in again} == {(one.name, one.approach) for one in measured}
+    assert {(one.name, one.approach) for one in again} == {
+        (one.name, one.approach) for one in measured
+    }
     readings = bench.survey(passes=(1, 2))
     direct, through = solve(readings, straightness=measured), solve(readings, straightness=again)
     for name, function in direct.errors.items():
@@ -39,15 +44,42 @@ def test_an_uncertain_straightness_hardly_counts():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("position_mm,EYX_um\n0,0\n1,0\n2,0\n", r"s\.csv: header: expected a column u_EYX_um, found none; state the standard uncertainty"),
-        ("position_mm,EXX_um,u_EXX_um\n0,0,1\n", r"s\.csv: header: expected columns such as EYX_um .* found EXX"),
+        (
+            "position_mm,EYX_um\n0,0\n1,0\n2,0\n",
+            (
+                r"s\.csv: header: expected a column u_EYX_um, found none; state the standard "
+                r"uncertainty"
+            ),
+        ),
+        (
+            "position_mm,EXX_um,u_EXX_um\n0,0,1\n",
+            r"s\.csv: header: expected columns such as EYX_um .* found EXX",
+        ),
         ("position_mm\n0\n", r"s\.csv: header: expected columns such as EYX_um"),
-        ("position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,\n", r"s\.csv: line 3: u_EYX_um: expected a finite number"),
-        ("position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,0\n", r"s\.csv: line 3: u_EYX_um: expected a standard uncertainty above 0"),
-        ("position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,1\n", r"s\.csv: EYX: expected values at 3 positions at least, found 2"),
-        ("position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,1\n1,2,1\n", r"s\.csv: EYX: expected every position once a direction, found 1 mm twice"),
-        ("position_mm,approach,EYX_um,u_EYX_um\n0,2,0,1\n", r"s\.csv: line 2: approach: expected 1, -1 or 0, found 2"),
-        ("position_mm,EYX_um,u_EYX_um\n0,,\n", r"s\.csv: expected a value of a straightness function"),
+        (
+            "position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,\n",
+            r"s\.csv: line 3: u_EYX_um: expected a finite number",
+        ),
+        (
+            "position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,0\n",
+            r"s\.csv: line 3: u_EYX_um: expected a standard uncertainty above 0",
+        ),
+        (
+            "position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,1\n",
+            r"s\.csv: EYX: expected values at 3 positions at least, found 2",
+        ),
+        (
+            "position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,1\n1,2,1\n",
+            r"s\.csv: EYX: expected every position once a direction, found 1 mm twice",
+        ),
+        (
+            "position_mm,approach,EYX_um,u_EYX_um\n0,2,0,1\n",
+            r"s\.csv: line 2: approach: expected 1, -1 or 0, found 2",
+        ),
+        (
+            "position_mm,EYX_um,u_EYX_um\n0,,\n",
+            r"s\.csv: expected a value of a straightness function",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(text, words):

@@ -1,4 +1,5 @@
-"""Wang's closed form: as printed, as corrected, and where it must fail (Wang 2000; theory 3 and 11)."""
+"""Wang's closed form: as printed, as corrected, and where it must fail (Wang 2000; theory 3 and
+11)."""
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ def golden(name="separable"):
 
 
 def test_golden_survey_by_least_squares():
-    """Theory 11: shapes to 1.8 nm, 4-term squareness 20.000 / 7.995 / -15.000 urad (xy, yz, zx; sign of Eq. 12), S = 6.271 um."""
+    """Theory 11: shapes to 1.8 nm, 4-term squareness 20.000 / 7.995 / -15.000 urad (xy, yz, zx;
+    sign of Eq. 12), S = 6.271 um."""
     solution = least_squares(diagonal_data(lay_out(golden())))
     assert solution.theta_urad["xy"] == pytest.approx(20.000, abs=5e-4)
     assert solution.theta_urad["yz"] == pytest.approx(7.995, abs=5e-4)
@@ -29,7 +31,8 @@ def test_golden_survey_by_least_squares():
 
 
 def test_golden_survey_as_printed():
-    """Theory 11: Eq. 13 gives 30.78 / 29.55 / 2.24 urad (xy, yz, zx), because the scale sum is taken for squareness (E5)."""
+    """Theory 11: Eq. 13 gives 30.78 / 29.55 / 2.24 urad (xy, yz, zx), because the scale sum is
+    taken for squareness (E5)."""
     theta = wang2000(diagonal_data(lay_out(golden()))).theta_urad
     assert theta["xy"] == pytest.approx(30.78, abs=0.005)
     assert theta["yz"] == pytest.approx(29.55, abs=0.005)
@@ -45,9 +48,11 @@ def test_the_signs_of_iso_230_are_those_of_the_contract():
 
 
 def hand_made(errors_um, order="xyz"):
-    """Readings of a machine with two increments of 30, 20, 60 mm per axis: d = (3, 2, 6) / 7 on ppp.
+    """Readings of a machine with two increments of 30, 20, 60 mm per axis: d = (3, 2, 6) / 7 on
+    ppp.
 
-    ``errors_um[axis, node, component]`` is the error of an axis at its three nodes, zero at the first.
+    ``errors_um[axis, node, component]`` is the error of an axis at its three nodes, zero at the
+    first.
     """
     step = np.array([30.0, 20.0, 60.0])
     rows = []
@@ -60,7 +65,9 @@ def hand_made(errors_um, order="xyz"):
             for letter in order:
                 node["xyz".index(letter)] += signs["xyz".index(letter)]
                 nodes.append(node.copy())
-        actual = [step * at + 1e-3 * sum(errors_um[axis, at[axis]] for axis in range(3)) for at in nodes]
+        actual = [
+            step * at + 1e-3 * sum(errors_um[axis, at[axis]] for axis in range(3)) for at in nodes
+        ]
         rows += [
             (setup, stop, step * at, float((point - actual[0]) @ direction))
             for stop, (at, point) in enumerate(zip(nodes, actual, strict=True))
@@ -76,7 +83,8 @@ def hand_made(errors_um, order="xyz"):
 
 @pytest.mark.parametrize("order", ["xyz", "zxy", "yzx"])
 def test_two_increments_by_hand(order):
-    """With aligned mirror the printed Eqs 7 and 8 return every node value, slopes included, also for axes that run backwards (E7)."""
+    """With aligned mirror the printed Eqs 7 and 8 return every node value, slopes included, also
+    for axes that run backwards (E7)."""
     errors = np.zeros((3, 3, 3))
     errors[:, 1:] = np.arange(1.0, 19.0).reshape(3, 2, 3) * [[[1.0], [-2.0]]]
     solution = wang2000(diagonal_data(lay_out(hand_made(errors, order))))
@@ -84,7 +92,8 @@ def test_two_increments_by_hand(order):
 
 
 def test_uniform_expansion_looks_like_squareness_to_equation_13_only():
-    """Theory E5: 10 ppm on 1.0 x 0.8 x 0.5 m without any squareness reads 23.6, 47.3, 37.8 urad as printed, and 0 with four terms."""
+    """Theory E5: 10 ppm on 1.0 x 0.8 x 0.5 m without any squareness reads 23.6, 47.3, 37.8 urad as
+    printed, and 0 with four terms."""
     size = np.array([60.0, 40.0, 120.0])
     errors = np.zeros((3, 3, 3))
     for axis in range(3):
@@ -94,13 +103,16 @@ def test_uniform_expansion_looks_like_squareness_to_equation_13_only():
     x, y, z = size
     printed = {"xy": x * y, "zx": z * x, "yz": y * z}
     for plane, area in printed.items():
-        assert wang2000(data).theta_urad[plane] == pytest.approx(1e3 * scale_sum * np.linalg.norm(size) / area)
+        assert wang2000(data).theta_urad[plane] == pytest.approx(
+            1e3 * scale_sum * np.linalg.norm(size) / area
+        )
         assert least_squares(data).theta_urad[plane] == pytest.approx(0.0, abs=1e-9)
     assert least_squares(data).scale_sum_um == pytest.approx(scale_sum)
 
 
 def test_mirror_tilt_is_taken_for_machine_error_as_printed_and_not_by_least_squares():
-    """Theory 5.1: 0.5 mrad puts hundreds of um/m of false slope on the nine functions; shapes stay within nanometres."""
+    """Theory 5.1: 0.5 mrad puts hundreds of um/m of false slope on the nine functions; shapes stay
+    within nanometres."""
     bench = Bench(diagonal_noise_um=0.0)
     data = diagonal_data(lay_out(bench.survey(DIAGONALS)))
     truth = bench.truth
@@ -113,9 +125,19 @@ def test_mirror_tilt_is_taken_for_machine_error_as_printed_and_not_by_least_squa
 
 
 def test_the_closure_residual_is_noise_of_twice_a_deviation():
-    """Theory E14: sigma_r = 2 sigma; nothing is left without noise, whatever the machine and the tilts."""
-    assert np.max(np.abs(closure_um(diagonal_data(lay_out(Bench(diagonal_noise_um=0.0).survey(DIAGONALS)))))) < 0.03
-    noisy = [closure_um(diagonal_data(lay_out(Bench(seed=seed).survey(DIAGONALS)))) for seed in range(30)]
+    """Theory E14: sigma_r = 2 sigma; nothing is left without noise, whatever the machine and the
+    tilts."""
+    assert (
+        np.max(
+            np.abs(
+                closure_um(diagonal_data(lay_out(Bench(diagonal_noise_um=0.0).survey(DIAGONALS))))
+            )
+        )
+        < 0.03
+    )
+    noisy = [
+        closure_um(diagonal_data(lay_out(Bench(seed=seed).survey(DIAGONALS)))) for seed in range(30)
+    ]
     increments = np.diff(noisy, axis=2)
     assert np.std(increments) == pytest.approx(0.3 * np.sqrt(8 * 9 / 10), rel=0.1)
 
@@ -146,9 +168,15 @@ def test_stated_uncertainties_agree_with_the_scatter_of_many_surveys():
         )
         for method, found in scores.items():
             result = solve(readings, method=method)
-            found += [(result.errors["EYX"].value[5] - bench.truth.errors["EYX"][5]) / result.errors["EYX"].u[5]]
+            found += [
+                (result.errors["EYX"].value[5] - bench.truth.errors["EYX"][5])
+                / result.errors["EYX"].u[5]
+            ]
             if method == "least-squares":
-                found += [(q.value - bench.truth.squareness_urad[name]) / q.u for name, q in result.squareness.items()]
+                found += [
+                    (q.value - bench.truth.squareness_urad[name]) / q.u
+                    for name, q in result.squareness.items()
+                ]
     for found in scores.values():
         assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1.0, abs=0.35)
 
@@ -160,6 +188,8 @@ def test_a_missing_diagonal_is_named(method):
 
 
 def test_other_runs_are_not_used_and_that_is_said():
-    found = {finding.key: finding for finding in solve(Bench().survey(), method="least-squares").findings}
+    found = {
+        finding.key: finding for finding in solve(Bench().survey(), method="least-squares").findings
+    }
     assert "linear-x, linear-y, linear-z" in found["method-limited.runs"].text
     assert "unidentified.sum" in found

@@ -5,9 +5,25 @@ import pytest
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS
-from stepdiag.base.readings.runs import Pace, Plan, Run, order_of, perfect_readings, plan_minutes, run_minutes, run_stops_mm
+from stepdiag.base.readings.runs import (
+    Pace,
+    Plan,
+    Run,
+    order_of,
+    perfect_readings,
+    plan_minutes,
+    run_minutes,
+    run_stops_mm,
+)
 from stepdiag.base.setups import SETUP_NAMES
-from stepdiag.base.volume import BESIDE_EVEN, CLOSEST_MM, Volume, diagonal_stops_mm, irregular_mm, linear_stops_mm
+from stepdiag.base.volume import (
+    BESIDE_EVEN,
+    CLOSEST_MM,
+    Volume,
+    diagonal_stops_mm,
+    irregular_mm,
+    linear_stops_mm,
+)
 from stepdiag.solver.model.layout import lay_out
 
 BOX = Volume(origin_mm=(10.0, -20.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
@@ -27,7 +43,9 @@ def test_step_diagonals_are_those_of_the_geometry(setup, order):
 
 def test_a_shift_of_what_does_not_stand_is_a_setup():
     shifted = Run(setup="ppp+1", beam_offset_mm=(50.0, 0.0, 0.0))
-    assert run_minutes(plan(shifted), shifted) == run_minutes(plan(Run(setup="ppp")), Run(setup="ppp"))
+    assert run_minutes(plan(shifted), shifted) == run_minutes(
+        plan(Run(setup="ppp")), Run(setup="ppp")
+    )
 
 
 def test_repeats_move_their_axes_in_orders_of_their_own():
@@ -37,7 +55,10 @@ def test_repeats_move_their_axes_in_orders_of_their_own():
     assert orders == ["xyz", "xyz", "zxy", "zxy", "xyz", "xyz"]
     for number, order in zip(run.pass_numbers, orders, strict=True):
         outward = diagonal_stops_mm(BOX, "ppp", order)
-        assert run_stops_mm(survey, run, number).tolist() == (outward if number % 2 else outward[::-1]).tolist()
+        assert (
+            run_stops_mm(survey, run, number).tolist()
+            == (outward if number % 2 else outward[::-1]).tolist()
+        )
 
 
 def test_a_line_beside_the_usual_one_is_where_its_axes_stand():
@@ -50,7 +71,8 @@ def test_a_line_beside_the_usual_one_is_where_its_axes_stand():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("count", [1, 11, 40, 200])
 def test_irregular_targets_are_in_step_with_nothing(axis, count):
-    """The nodes are among them; between them the distances differ, and a wave of any pitch is met in all of its places."""
+    """The nodes are among them; between them the distances differ, and a wave of any pitch is met
+    in all of its places."""
     targets = irregular_mm(BOX, axis, count)
     assert set(BOX.nodes_mm(axis)) <= set(targets)
     assert np.all(np.diff(targets) >= CLOSEST_MM * (1.0 - 2.0 * BESIDE_EVEN))
@@ -65,11 +87,15 @@ def test_irregular_targets_are_in_step_with_nothing(axis, count):
 @pytest.mark.parametrize("axis", "xyz")
 def test_linear_and_fourdof_runs_go_along_one_edge(axis):
     for kind in ("linear", "fourdof"):
-        assert run_stops_mm(plan(), Run(setup=f"{kind}-{axis}")).tolist() == linear_stops_mm(BOX, f"linear-{axis}").tolist()
+        assert (
+            run_stops_mm(plan(), Run(setup=f"{kind}-{axis}")).tolist()
+            == linear_stops_mm(BOX, f"linear-{axis}").tolist()
+        )
 
 
 def test_every_setup_the_solver_knows_can_be_planned():
-    """The layout's own checks (route, ends, sign and unit of the laser) accept each perfect run, out and back."""
+    """The layout's own checks (route, ends, sign and unit of the laser) accept each perfect run,
+    out and back."""
     runs = [Run(setup=name, repeats=2) for name in SETUP_NAMES]
     layout = lay_out(perfect_readings(plan(*runs), 0.3))
     assert len(layout.passes) == 4 * len(SETUP_NAMES)
@@ -80,18 +106,24 @@ def test_every_setup_the_solver_knows_can_be_planned():
 def test_shifted_beam_shifts_the_spot():
     """The part of the shift across the beam is what moves the spot."""
     here, there = (
-        lay_out(perfect_readings(plan(Run(setup="ppp", beam_offset_mm=shift)), 0.3)) for shift in ((0.0, 0.0, 0.0), (0.0, 0.0, 50.0))
+        lay_out(perfect_readings(plan(Run(setup="ppp", beam_offset_mm=shift)), 0.3))
+        for shift in ((0.0, 0.0, 0.0), (0.0, 0.0, 50.0))
     )
     along = here.direction[0]
-    assert there.spot_mm - here.spot_mm == pytest.approx(np.tile([0, 0, 50.0] - 50.0 * along[2] * along, (62, 1)))
+    assert there.spot_mm - here.spot_mm == pytest.approx(
+        np.tile([0, 0, 50.0] - 50.0 * along[2] * along, (62, 1))
+    )
 
 
 def test_minutes_by_hand():
-    """X run of 500 mm out and back: 20 min to set up, 2 (500 + 20) mm at 2000 mm/min, 22 dwells of 2 s."""
+    """X run of 500 mm out and back: 20 min to set up, 2 (500 + 20) mm at 2000 mm/min, 22 dwells of
+    2 s."""
     run = Run(setup="linear-x")
     assert run_minutes(plan(run), run) == pytest.approx(20 + 2 * 520 / 2000 + 22 * 2 / 60)
     once = Run(setup="linear-x", return_pass=False, repeats=2)
-    assert run_minutes(plan(once), once) == pytest.approx(20 + 2 * 520 / 2000 + 500 / 2000 + 22 * 2 / 60)
+    assert run_minutes(plan(once), once) == pytest.approx(
+        20 + 2 * 520 / 2000 + 500 / 2000 + 22 * 2 / 60
+    )
 
 
 def test_four_diagonals_take_what_is_published():
@@ -114,7 +146,9 @@ def test_second_run_of_a_setup_gets_the_next_number():
 
 def test_a_plan_of_one_run_takes_the_same_run_again():
     box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(100.0, 100.0, 100.0), increments=2)
-    again = Plan(volume=box, runs=(Run(setup="ppp"),)).with_runs(Run(setup="ppp"), Run(setup="ppp+1"))
+    again = Plan(volume=box, runs=(Run(setup="ppp"),)).with_runs(
+        Run(setup="ppp"), Run(setup="ppp+1")
+    )
     assert [run.setup for run in again.runs] == ["ppp", "ppp+1", "ppp+2"]
 
 

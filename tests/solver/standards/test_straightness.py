@@ -16,7 +16,10 @@ METHODS = ("end-point", "least-squares", "minimum-zone")
 profiles = arrays(np.float64, st.integers(3, 25), elements=st.floats(-50, 50, width=32))
 
 
-@pytest.mark.parametrize(("method", "expected_um"), [("end-point", 4.7), ("least-squares", 4.777273), ("minimum-zone", 4.7)])
+@pytest.mark.parametrize(
+    ("method", "expected_um"),
+    [("end-point", 4.7), ("least-squares", 4.777273), ("minimum-zone", 4.7)],
+)
 def test_vector_of_the_reference(method, expected_um):
     """data/straightness_test_vector.csv (synthetic; figures in its first line)."""
     position, deviation = np.loadtxt(DATA / "straightness_test_vector.csv", delimiter=",").T
@@ -24,19 +27,30 @@ def test_vector_of_the_reference(method, expected_um):
 
 
 def test_triangle_by_hand():
-    """Heights 0, 3, 0 µm at 0, 100, 200 mm: all three lines are horizontal; the zone is 3 µm wide."""
+    """Heights 0, 3, 0 µm at 0, 100, 200 mm: all three lines are horizontal; the zone is 3 µm
+    wide."""
     position, deviation = [0.0, 100.0, 200.0], [0.0, 3.0, 0.0]
-    assert [reference_line(position, deviation, method).offset_um for method in METHODS] == pytest.approx([0.0, 1.0, 1.5])
-    assert [straightness_um(position, deviation, method) for method in METHODS] == pytest.approx([3.0, 3.0, 3.0])
+    assert [
+        reference_line(position, deviation, method).offset_um for method in METHODS
+    ] == pytest.approx([0.0, 1.0, 1.5])
+    assert [straightness_um(position, deviation, method) for method in METHODS] == pytest.approx(
+        [3.0, 3.0, 3.0]
+    )
 
 
 @pytest.mark.parametrize("start_mm", [0.0, -700.0, 300.0])
 def test_each_line_lies_where_its_method_says(start_mm):
-    """End points on it; least squares with no mean and no slope left; the minimum zone with as much above as below."""
-    position, deviation = start_mm + np.array([0.0, 100.0, 250.0, 400.0]), np.array([1.0, 4.0, -2.0, 9.0])
+    """End points on it; least squares with no mean and no slope left; the minimum zone with as much
+    above as below."""
+    position, deviation = (
+        start_mm + np.array([0.0, 100.0, 250.0, 400.0]),
+        np.array([1.0, 4.0, -2.0, 9.0]),
+    )
     left = {method: residuals_um(position, deviation, method) for method in METHODS}
     assert left["end-point"][[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert [left["least-squares"].sum(), left["least-squares"] @ position] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert [left["least-squares"].sum(), left["least-squares"] @ position] == pytest.approx(
+        [0.0, 0.0], abs=1e-6
+    )
     assert left["minimum-zone"].max() == pytest.approx(-left["minimum-zone"].min())
 
 
@@ -62,7 +76,9 @@ def test_a_straight_slope_never_counts(deviation, offset_um, slope_urad):
     tilted = deviation + offset_um + 1e-3 * slope_urad * position
     for method in METHODS:
         flat = residuals_um(position, deviation, method)
-        assert np.ptp(residuals_um(position, tilted, method)) == pytest.approx(np.ptp(flat), abs=1e-8)
+        assert np.ptp(residuals_um(position, tilted, method)) == pytest.approx(
+            np.ptp(flat), abs=1e-8
+        )
 
 
 @given(profiles, st.randoms(use_true_random=False))
@@ -82,7 +98,10 @@ def test_repeated_stops_are_welcome():
     assert straightness_um(position, deviation, "minimum-zone") == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize(("position", "deviation"), [([5.0, 5.0], [0.0, 1.0]), ([0.0], [0.0]), ([0.0, 1.0], [0.0, np.nan])])
+@pytest.mark.parametrize(
+    ("position", "deviation"),
+    [([5.0, 5.0], [0.0, 1.0]), ([0.0], [0.0]), ([0.0, 1.0], [0.0, np.nan])],
+)
 def test_stops_that_span_no_line_are_refused(position, deviation):
     with pytest.raises(DataError, match="straightness"):
         reference_line(position, deviation)

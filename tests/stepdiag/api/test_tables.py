@@ -60,7 +60,9 @@ def test_what_is_no_table_is_refused():
         api.table(3)
 
 
-@pytest.mark.parametrize(("library", "ask"), [("pandas", api.frame), ("matplotlib.figure", api.plot_functions)])
+@pytest.mark.parametrize(
+    ("library", "ask"), [("pandas", api.frame), ("matplotlib.figure", api.plot_functions)]
+)
 def test_without_the_extra_a_refusal_names_it(result, monkeypatch, library, ask):
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(UsageError, match="notebook"):
@@ -79,7 +81,9 @@ def test_every_identified_function_has_a_panel_with_its_values(result):
 def test_the_field_has_an_arrow_a_point(result):
     (panel,) = api.plot_field(result).axes
     (arrows,) = panel.collections
-    assert len(arrows._segments3d) == 3 * len(lattice_mm(result.volume, 5))  # a shaft and two sides of a head
+    assert len(arrows._segments3d) == 3 * len(
+        lattice_mm(result.volume, 5)
+    )  # a shaft and two sides of a head
 
 
 def test_a_result_without_closure_has_no_plot_of_it(result):
@@ -92,17 +96,22 @@ def test_the_error_at_a_point_counts_from_the_low_corner(result):
     assert low_um == pytest.approx(0.0, abs=1e-9)
     far_um, far_expanded_um = result.at(*np.add(result.volume.origin_mm, result.volume.size_mm))
     assert (far_expanded_um > low_expanded_um).all()
-    assert far_um == pytest.approx(error_field_um(result, np.add(result.volume.origin_mm, result.volume.size_mm)[None])[0])
+    assert far_um == pytest.approx(
+        error_field_um(result, np.add(result.volume.origin_mm, result.volume.size_mm)[None])[0]
+    )
 
 
 def test_u_at_a_point_covers_the_truth_of_exact_machines():
-    """Six machines with angles, 216 points each, of which the points of one machine differ together: 98 % of twelve machines lay within
-    U when this was written."""
+    """Six machines with angles, 216 points each, of which the points of one machine differ
+    together: 98 % of twelve machines lay within U when this was written."""
     within = []
     for seed in range(6):
         bench, found = Bench(seed=seed, angle_urad=12.0), solved(seed, 12.0)
         true = bench.truth
-        functions = {name: Tabulated(true.position_mm[name[2]], value[None, :]) for name, value in true.errors.items()}
+        functions = {
+            name: Tabulated(true.position_mm[name[2]], value[None, :])
+            for name, value in true.errors.items()
+        }
         squareness = {name: np.array([value]) for name, value in true.squareness_urad.items()}
         points = bench.lattice_mm()
         of = errors_at(found, points)
@@ -119,7 +128,9 @@ def test_a_point_outside_of_the_volume_is_refused(result):
 def test_a_result_shows_its_numbers_in_a_notebook(result):
     shown = result._repr_html_()
     for name, quantity in result.squareness.items():
-        assert f"<td>{name}</td><td>{quantity.value:.2f}</td><td>± {2 * quantity.u:.2f}</td>" in shown
+        assert (
+            f"<td>{name}</td><td>{quantity.value:.2f}</td><td>± {2 * quantity.u:.2f}</td>" in shown
+        )
 
 
 def test_a_report_is_written(result, tmp_path):

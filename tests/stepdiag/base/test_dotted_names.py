@@ -25,8 +25,14 @@ QUIET = (
     'n = "" # """',
     "[o.p.q.r.s]",
 )
-"""Statements without a name of more than five parts; put together in any order they may repeat a name, which is not what is asked here."""
-DEEP = ("x.y.z.u.v.w = 1", "[ x . \"y\" . z.'u'\t.v.w ]", 'in = {x.y."z\\".".u.v.w = 1}', 'q = ["""e"""", {x.y.z.u.v.w = 1}]')
+"""Statements without a name of more than five parts; put together in any order they may repeat a
+name, which is not what is asked here."""
+DEEP = (
+    "x.y.z.u.v.w = 1",
+    "[ x . \"y\" . z.'u'\t.v.w ]",
+    'in = {x.y."z\\".".u.v.w = 1}',
+    'q = ["""e"""", {x.y.z.u.v.w = 1}]',
+)
 
 
 @given(st.lists(st.sampled_from(QUIET)))
@@ -56,7 +62,8 @@ def test_every_character_is_looked_at_once(text):
 
 
 def test_what_could_be_the_beginning_of_many_texts_takes_no_longer():
-    """Each escaped quote was looked at as the beginning of a text up to the end: 400 kB of them would have taken eight minutes."""
+    """Each escaped quote was looked at as the beginning of a text up to the end: 400 kB of them
+    would have taken eight minutes."""
     assert longer_than(MOST, 'a = "' + '\\"' * 200_000) is None
     assert longer_than(MOST, 'a = """' + '\\"""' * 100_000) is None
     assert longer_than(MOST, "a = '''" + "''" * 200_000) is None

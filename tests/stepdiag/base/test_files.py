@@ -1,4 +1,5 @@
-"""Single files: what is there is never half written nor written over unasked, and what somebody else leaves there is refused by name."""
+"""Single files: what is there is never half written nor written over unasked, and what somebody
+else leaves there is refused by name."""
 
 import os
 from pathlib import Path
@@ -9,7 +10,9 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import as_text, read_bytes, write_atomically, write_new, write_once
 
 
-def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Either the old or the new bytes stand there, and nothing else beside them."""
     path = tmp_path / "report.html"
     write_atomically(path, b"old")
@@ -23,7 +26,9 @@ def test_the_same_bytes_may_be_written_again_and_no_others(tmp_path: Path) -> No
     path = tmp_path / "made" / "result.json"
     write_once(path, "one\n")
     write_once(path, "one\n")
-    with pytest.raises(UsageError, match="expected no file, or the same bytes, found a file with other bytes"):
+    with pytest.raises(
+        UsageError, match="expected no file, or the same bytes, found a file with other bytes"
+    ):
         write_once(path, "two\n")
     assert path.read_bytes() == b"one\n"
 
@@ -35,10 +40,14 @@ def test_a_folder_in_the_way_is_refused(tmp_path: Path) -> None:
 
 def test_a_new_file_is_never_an_old_one(tmp_path: Path) -> None:
     write_new(tmp_path / "new.toml", "a\n")
-    with pytest.raises(UsageError, match=r"new\.toml: expected a new file, found one that exists; name another one"):
+    with pytest.raises(
+        UsageError, match=r"new\.toml: expected a new file, found one that exists; name another one"
+    ):
         write_new(tmp_path / "new.toml", "b\n")
     assert (tmp_path / "new.toml").read_bytes() == b"a\n"
-    with pytest.raises(UsageError, match="expected a file that can be written, found No such file or directory"):
+    with pytest.raises(
+        UsageError, match="expected a file that can be written, found No such file or directory"
+    ):
         write_new(tmp_path / "none" / "new.toml", "b\n")
 
 
@@ -46,14 +55,18 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_bytes(b"12345")
     assert read_bytes(path, largest=5) == b"12345"
-    with pytest.raises(DataError, match=r"profile: expected table\.csv of at most 4 bytes, found more"):
+    with pytest.raises(
+        DataError, match=r"profile: expected table\.csv of at most 4 bytes, found more"
+    ):
         read_bytes(path, "profile", largest=4)
     with pytest.raises(UsageError, match="of at most 4 bytes"):
         read_bytes(path, largest=4, blame=UsageError)
 
 
 def test_a_file_that_cannot_be_read_is_the_users_to_name(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"none\.csv: expected a readable file, found No such file or directory"):
+    with pytest.raises(
+        UsageError, match=r"none\.csv: expected a readable file, found No such file or directory"
+    ):
         read_bytes(tmp_path / "none.csv")
 
 
@@ -64,7 +77,8 @@ def test_bytes_that_are_no_utf_8_are_told_by_their_place() -> None:
 
 
 def test_what_is_synced_is_the_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sync of a file whose bytes still wait in the process would promise what a power cut takes away."""
+    """A sync of a file whose bytes still wait in the process would promise what a power cut takes
+    away."""
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle).st_size))
     write_atomically(tmp_path / "table.ini", b"12345")

@@ -21,7 +21,12 @@ def result(tmp_path: Path) -> Path:
 
 
 def test_the_hash_is_one_that_sha256sum_checks(result: Path) -> None:
-    subprocess.run(["sha256sum", "--check", "--strict", f"{result.name}{HASH_SUFFIX}"], cwd=result.parent, check=True, capture_output=True)
+    subprocess.run(
+        ["sha256sum", "--check", "--strict", f"{result.name}{HASH_SUFFIX}"],
+        cwd=result.parent,
+        check=True,
+        capture_output=True,
+    )
     assert read_text(result) == TEXT
 
 
@@ -34,7 +39,9 @@ def test_every_flipped_bit_is_named_or_changes_no_figure(result: Path, suffix: s
                 assert read_text(result) == TEXT
             except StepdiagError:
                 named += 1
-    assert named == draws if not suffix else named > draws * 0.7, "the name behind the hash is no part of it"
+    assert named == draws if not suffix else named > draws * 0.7, (
+        "the name behind the hash is no part of it"
+    )
 
 
 def test_a_copy_without_the_hash_is_read_as_it_stands(result: Path) -> None:

@@ -24,7 +24,13 @@ def test_the_arms_are_those_of_the_theory(chain):
 
 
 @pytest.mark.parametrize(
-    ("code", "iso"), [("XYFZ", "[w X' Y' b Z t]"), ("XYFZ", "[w X Y b Z t]"), ("FXYZ", "[w b X Y Z t]"), ("XFYZ", " [w X’ b Y Z t] ")]
+    ("code", "iso"),
+    [
+        ("XYFZ", "[w X' Y' b Z t]"),
+        ("XYFZ", "[w X Y b Z t]"),
+        ("FXYZ", "[w b X Y Z t]"),
+        ("XFYZ", " [w X’ b Y Z t] "),
+    ],
 )
 def test_both_ways_of_writing_a_chain_agree(code, iso):
     assert np.array_equal(abbe_mask(code), abbe_mask(iso))
@@ -32,7 +38,19 @@ def test_both_ways_of_writing_a_chain_agree(code, iso):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "XYZ", "FXYY", "FXYZZ", "fxyz", "[w X Y Z t]", "[X b Y Z]", "[w b X' Y Z t]", "[w X' Y b Z t]", "[t b X Y Z w]"]
+    "text",
+    [
+        "",
+        "XYZ",
+        "FXYY",
+        "FXYZZ",
+        "fxyz",
+        "[w X Y Z t]",
+        "[X b Y Z]",
+        "[w b X' Y Z t]",
+        "[w X' Y b Z t]",
+        "[t b X Y Z w]",
+    ],
 )
 def test_what_is_no_chain_is_refused(text):
     with pytest.raises(UsageError, match="expected X, Y, Z and the bed once each"):

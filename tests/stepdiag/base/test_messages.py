@@ -1,4 +1,5 @@
-"""Messages as values: every key in every language with typed arguments, rendered where it is shown, kept through JSON."""
+"""Messages as values: every key in every language with typed arguments, rendered where it is shown,
+kept through JSON."""
 
 import re
 import string
@@ -11,7 +12,16 @@ from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding, in_words
-from stepdiag.base.messages import LONGEST_PART, Message, Place, at, message, message_json, message_of, rendered
+from stepdiag.base.messages import (
+    LONGEST_PART,
+    Message,
+    Place,
+    at,
+    message,
+    message_json,
+    message_of,
+    rendered,
+)
 from stepdiag.texts.explained import Action, Severity, explanations, finding_action
 from stepdiag.texts.patterns import findings, sentences, slots
 from stepdiag.texts.texts import LANGUAGES
@@ -28,7 +38,15 @@ GIVEN = {
     "and": ["X7"],
     "stops": [1, 2, 4],
 }
-WRONG = {"whole": 1.5, "number": "1.5", "list": "X7", "each": 1, "or": 1.5, "and": "X7", "stops": "X7"}
+WRONG = {
+    "whole": 1.5,
+    "number": "1.5",
+    "list": "X7",
+    "each": 1,
+    "or": 1.5,
+    "and": "X7",
+    "stops": "X7",
+}
 
 
 def sample(key: str) -> Message:
@@ -37,7 +55,8 @@ def sample(key: str) -> Message:
 
 @pytest.mark.parametrize("key", KEYS)
 def test_every_message_is_said_in_every_language(key: str) -> None:
-    """No slot stays open, no number is left out, no English word is in the German, and figures have a decimal comma there."""
+    """No slot stays open, no number is left out, no English word is in the German, and figures have
+    a decimal comma there."""
     english, german = (rendered(sample(key), language) for language in ("en", "de"))
     assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*(\.[a-z0-9]+(-[a-z0-9]+)*)?", key)
     for text in (english, german):
@@ -66,7 +85,11 @@ def test_arguments_have_the_names_and_types_of_the_catalogue(key: str) -> None:
 def test_a_number_of_a_unit_is_a_number(key: str) -> None:
     """A unit stands in the name of a number and nowhere else."""
     units = ("_um", "_mm", "_mrad", "_urad", "_s", "_hz", "_percent", "_um_m", "_c", "_ppm", "_hpa")
-    assert [name for name, kind in slots(key).items() if name.endswith(units) and kind not in ("number", "whole")] == []
+    assert [
+        name
+        for name, kind in slots(key).items()
+        if name.endswith(units) and kind not in ("number", "whole")
+    ] == []
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -75,10 +98,19 @@ def test_a_message_is_the_same_after_a_journey(key: str) -> None:
     said = sample(key)
     assert message_of(msgspec.json.decode(msgspec.json.encode(message_json(said)))) == said
     back = msgspec.json.decode(msgspec.json.encode(said), type=Message)
-    assert [rendered(back, language) for language in LANGUAGES] == [rendered(said, language) for language in LANGUAGES]
+    assert [rendered(back, language) for language in LANGUAGES] == [
+        rendered(said, language) for language in LANGUAGES
+    ]
 
 
-FOREIGN = [None, 7, {}, {"key": "no-such-key", "arguments": {}}, {"key": "way-out", "arguments": {"a": 1}}, {"key": "way-out"}]
+FOREIGN = [
+    None,
+    7,
+    {},
+    {"key": "no-such-key", "arguments": {}},
+    {"key": "way-out", "arguments": {"a": 1}},
+    {"key": "way-out"},
+]
 
 
 @pytest.mark.parametrize("tree", FOREIGN)
@@ -88,7 +120,8 @@ def test_what_another_version_wrote_is_no_message(tree: object) -> None:
 
 
 def test_a_message_in_a_message() -> None:
-    """A refusal's parts are messages or values; lists and ranges of stops are put together in the reader's language."""
+    """A refusal's parts are messages or values; lists and ranges of stops are put together in the
+    reader's language."""
     way = message("way-back")
     refusal = message("refusal", where="survey.toml: plan", expected=way, found="'ppq'")
     assert rendered(refusal, "de") == "survey.toml: plan: erwartet war zurück, gefunden 'ppq'"
@@ -109,14 +142,25 @@ def test_a_refusal_carries_its_message() -> None:
 
 
 def test_a_finding_is_made_of_its_message() -> None:
-    """Code, English text and place come from the message; the page shows all stops of a cause at once."""
+    """Code, English text and place come from the message; the page shows all stops of a cause at
+    once."""
     said = message("method-limited.runs", others=["body-ppp", "ppp+1"])
     made = finding("warning", said, Place(setup="ppp", way="out", stop=3, last=30), size_um=1.5)
     sentence = "this method uses the four body diagonals only, not body-ppp, ppp+1"
-    assert (made.code, made.text, made.stop) == ("method-limited", f"ppp out, stop 3 of 30: {sentence}", 3)
-    assert in_words(made, "de") == "ppp hin, Messpunkt 3: dieses Verfahren nutzt nur die vier Raumdiagonalen, nicht body-ppp, ppp+1"
+    assert (made.code, made.text, made.stop) == (
+        "method-limited",
+        f"ppp out, stop 3 of 30: {sentence}",
+        3,
+    )
+    assert (
+        in_words(made, "de")
+        == "ppp hin, Messpunkt 3: dieses Verfahren nutzt nur die vier Raumdiagonalen, nicht "
+        "body-ppp, ppp+1"
+    )
     assert in_words(made, "en", (3, 4)) == f"ppp out, stops 3–4: {sentence}"
-    old = Finding(code="count-slip", severity="warning", text="ppp out, stop 5 of 30: the count was lost")
+    old = Finding(
+        code="count-slip", severity="warning", text="ppp out, stop 5 of 30: the count was lost"
+    )
     assert in_words(old, "de") == old.text
     assert (old.action, made.action) == ("repeat", "choose")
 
@@ -124,13 +168,17 @@ def test_a_finding_is_made_of_its_message() -> None:
 @pytest.mark.parametrize("code", explanations())
 def test_every_code_has_an_action(code: str) -> None:
     """Page, status and exit codes go by it."""
-    assert all(finding_action(code, severity) in get_args(Action) for severity in get_args(Severity))
+    assert all(
+        finding_action(code, severity) in get_args(Action) for severity in get_args(Severity)
+    )
 
 
 @given(st.text(string.printable + "{}µ"))
 def test_a_text_in_a_message_stands_as_it_is(text: str) -> None:
     """Braces and signs of a foreign file are no slots."""
-    assert text[:LONGEST_PART] in rendered(message("refusal", where=text, expected="1", found="2"), "en")
+    assert text[:LONGEST_PART] in rendered(
+        message("refusal", where=text, expected="1", found="2"), "en"
+    )
 
 
 def test_a_phrase_is_no_finding() -> None:

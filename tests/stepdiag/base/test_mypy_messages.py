@@ -30,7 +30,8 @@ def shown(found: Finding, status: FindingStatus) -> str:
 
 
 def test_a_text_that_decides_or_is_shown_is_refused_by_the_type_checker(tmp_path: Path) -> None:
-    """The text of a finding is for logs, results and programs outside; code, key, arguments and `in_words` are for everything else."""
+    """The text of a finding is for logs, results and programs outside; code, key, arguments and
+    `in_words` are for everything else."""
     assert refused_lines(tmp_path, READS) == [6, 7]
 
 
@@ -38,10 +39,19 @@ def refused_lines(folder: Path, source: str) -> list[int]:
     """Return the lines that the type checker refuses."""
     file = folder / "calls.py"
     file.write_text(source)
-    out, _, _ = api.run(["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(folder / "cache"), str(file)])
+    out, _, _ = api.run(
+        [
+            "--config-file",
+            str(ROOT / "pyproject.toml"),
+            "--cache-dir",
+            str(folder / "cache"),
+            str(file),
+        ]
+    )
     return [int(line.split(":")[1]) for line in out.splitlines() if "error:" in line]
 
 
 def test_wrong_arguments_are_refused_by_the_type_checker(tmp_path: Path) -> None:
-    """A key that does not exist, names, types, and a key that is not written out; what is right passes."""
+    """A key that does not exist, names, types, and a key that is not written out; what is right
+    passes."""
     assert refused_lines(tmp_path, CALLS) == [7, 8, 9, 10, 11]

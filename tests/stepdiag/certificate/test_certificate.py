@@ -1,4 +1,5 @@
-"""The certificate against PTB's schema, and every value of it read back by a reader that shares no code with the writer."""
+"""The certificate against PTB's schema, and every value of it read back by a reader that shares no
+code with the writer."""
 
 import hashlib
 import re
@@ -56,9 +57,18 @@ certificate = "D-K-1 2026"
 certificate_file = "laser.pdf"
 """
 )
-TOLERANCE = {"volumetric_rms_um": 9.0, "volumetric_largest_um": 60.0, "squareness_urad": 20.0, "EYX": 9.0}
+TOLERANCE = {
+    "volumetric_rms_um": 9.0,
+    "volumetric_largest_um": 60.0,
+    "squareness_urad": 20.0,
+    "EYX": 9.0,
+}
 
-STATUSES = {"conform": ("pass",), "not_conform": ("fail",), "not_decidable": ("conditionalPass", "conditionalFail")}
+STATUSES = {
+    "conform": ("pass",),
+    "not_conform": ("fail",),
+    "not_decidable": ("conditionalPass", "conditionalFail"),
+}
 
 
 @cache
@@ -85,7 +95,9 @@ def diagonals_alone() -> Result:
 
 @cache
 def one_axis() -> Result:
-    return parse_result(solve(Bench(seed=2, increments=4).survey(("linear-x",), passes=(1, 2))).to_json())
+    return parse_result(
+        solve(Bench(seed=2, increments=4).survey(("linear-x",), passes=(1, 2))).to_json()
+    )
 
 
 def tree(result: Result, tmp_path: Path, text: str = DATES, **more):
@@ -98,7 +110,13 @@ def tree(result: Result, tmp_path: Path, text: str = DATES, **more):
 @pytest.mark.parametrize("result", [judged, diagonals_alone, one_axis])
 @pytest.mark.parametrize("text", [DATES, WHOLE])
 def test_certificate_is_valid_by_the_schema(result, text, tmp_path):
-    tree(result(), tmp_path, text, left=result(), accepted=["ppp/1/5: beam-lost; M. Muster: seen and right"])
+    tree(
+        result(),
+        tmp_path,
+        text,
+        left=result(),
+        accepted=["ppp/1/5: beam-lost; M. Muster: seen and right"],
+    )
 
 
 def test_schema_accepts_the_example_and_refuses_a_certificate_without_laboratory(tmp_path):
@@ -110,12 +128,18 @@ def test_schema_accepts_the_example_and_refuses_a_certificate_without_laboratory
 
 
 def quantities(found, state="as_found"):
-    """Return value, U, k and unit in SI by name, and the positions of functions: read by paths of the schema alone."""
+    """Return value, U, k and unit in SI by name, and the positions of functions: read by paths of
+    the schema alone."""
     read = {}
-    for result in found.iterfind(f".//dcc:measurementResult[@refType='machineTool_{state}']/dcc:results/dcc:result", NAMES):
+    for result in found.iterfind(
+        f".//dcc:measurementResult[@refType='machineTool_{state}']/dcc:results/dcc:result", NAMES
+    ):
         for quantity in result.iterfind(".//dcc:quantity", NAMES):
             name = quantity.findtext("dcc:name/dcc:content", namespaces=NAMES)
-            single, many = quantity.find("si:real", NAMES), quantity.find("si:realListXMLList", NAMES)
+            single, many = (
+                quantity.find("si:real", NAMES),
+                quantity.find("si:realListXMLList", NAMES),
+            )
             ending = "" if many is None else "XMLList"
             inside = single if many is None else many
 
@@ -125,23 +149,30 @@ def quantities(found, state="as_found"):
 
             label = result.findtext("dcc:name/dcc:content", namespaces=NAMES)
             read[label if name != "position" else f"{label} position"] = {
-                "value": numbers(f"value{ending}"), "unit": inside.findtext(f"si:unit{ending}", namespaces=NAMES),
-                "U": numbers(f"valueExpandedMU{ending}"), "k": numbers(f"coverageFactor{ending}"),
-            }  # fmt: skip
+                "value": numbers(f"value{ending}"),
+                "unit": inside.findtext(f"si:unit{ending}", namespaces=NAMES),
+                "U": numbers(f"valueExpandedMU{ending}"),
+                "k": numbers(f"coverageFactor{ending}"),
+            }
     return read
 
 
 @pytest.mark.parametrize("result", [judged, diagonals_alone, one_axis])
 def test_every_value_reads_back_in_si(result, tmp_path):
-    """Functions, squareness, scales, ISO 230-2 figures and the volume: value, U = 2 u, k = 2 and unit to 1e-9."""
+    """Functions, squareness, scales, ISO 230-2 figures and the volume: value, U = 2 u, k = 2 and
+    unit to 1e-9."""
     found, count = quantities(tree(result(), tmp_path)), 0
 
     def agrees(name, value, u, unit):
         read = found.pop(name)
         assert read["unit"] == UNITS[unit]
-        assert read["value"] == pytest.approx([each * IN_SI[unit] for each in value], rel=1e-9, abs=1e-18)
+        assert read["value"] == pytest.approx(
+            [each * IN_SI[unit] for each in value], rel=1e-9, abs=1e-18
+        )
         if u is not None:
-            assert read["U"] == pytest.approx([2.0 * each * IN_SI[unit] for each in u], rel=1e-9, abs=1e-18)
+            assert read["U"] == pytest.approx(
+                [2.0 * each * IN_SI[unit] for each in u], rel=1e-9, abs=1e-18
+            )
             assert read["k"] == [2.0]
         return 1
 
@@ -150,7 +181,9 @@ def test_every_value_reads_back_in_si(result, tmp_path):
             if function.value is not None:
                 at = found.pop(f"{prefix}{name} position")
                 assert at["unit"] == "\\metre"
-                assert at["value"] == pytest.approx([each * 1e-3 for each in function.position_mm], rel=1e-9, abs=1e-15)
+                assert at["value"] == pytest.approx(
+                    [each * 1e-3 for each in function.position_mm], rel=1e-9, abs=1e-15
+                )
                 count += agrees(prefix + name, function.value, function.u, function.unit)
     for name in [name for name in found if name.startswith("squareness ")]:
         together = [result().squareness[each] for each in name.split()[1:]]
@@ -158,7 +191,9 @@ def test_every_value_reads_back_in_si(result, tmp_path):
     for name, number in result().squareness.items():
         count += 0 if number.value is None else agrees(name, [number.value], [number.u], "urad")
     for axis, scale in result().scale.items():
-        count += 0 if scale.value is None else agrees(f"scale {axis}", [scale.value], [scale.u], "um/m")
+        count += (
+            0 if scale.value is None else agrees(f"scale {axis}", [scale.value], [scale.u], "um/m")
+        )
     for run, figures in (result().standards or {}).items():
         for symbol in [name for name in found if name.startswith(f"{run} ")]:
             value = getattr(figures[0], symbol.removeprefix(f"{run} "))
@@ -166,36 +201,65 @@ def test_every_value_reads_back_in_si(result, tmp_path):
             count += agrees(symbol, [value], None if expanded is None else [expanded / 2.0], "um")
     if result().predicted is not None:
         before = result().predicted.without_rigid_motion["before"]
-        for name, interval in (("volumetric rms", before.rms_um), ("volumetric largest", before.largest_um)):
-            for end, value in (("", interval.value_um), (" low", interval.low_um), (" high", interval.high_um)):
+        for name, interval in (
+            ("volumetric rms", before.rms_um),
+            ("volumetric largest", before.largest_um),
+        ):
+            for end, value in (
+                ("", interval.value_um),
+                (" low", interval.low_um),
+                (" high", interval.high_um),
+            ):
                 count += agrees(name + end, [value], None, "um")
     assert found == {}, "every figure of the certificate stands in the result"
     assert count >= 3
 
 
 def test_covariance_is_that_of_machines_drawn_from_the_posterior(tmp_path):
-    """Read by paths of the schema: its diagonal is U / 2 squared, its correlations are those of 2,000 drawn machines."""
+    """Read by paths of the schema: its diagonal is U / 2 squared, its correlations are those of
+    2,000 drawn machines."""
     found, result, read = tree(judged(), tmp_path), judged(), {}
-    for one in found.iterfind(".//dcc:measurementResult[@refType='machineTool_as_found']/dcc:results/dcc:result", NAMES):
+    for one in found.iterfind(
+        ".//dcc:measurementResult[@refType='machineTool_as_found']/dcc:results/dcc:result", NAMES
+    ):
         columns = one.findall(".//si:columnXMLList/si:covarianceXMLList", NAMES)
         if columns:
             matrix = np.array(
-                [[float(each) for each in column.findtext("si:valueXMLList", namespaces=NAMES).split()] for column in columns]
+                [
+                    [
+                        float(each)
+                        for each in column.findtext("si:valueXMLList", namespaces=NAMES).split()
+                    ]
+                    for column in columns
+                ]
             )
             (unit,) = {column.findtext("si:unitXMLList", namespaces=NAMES) for column in columns}
             read[one.findtext("dcc:name/dcc:content", namespaces=NAMES)] = (matrix, unit)
     assert set(read) == {"squareness C0Y B0Z A0Z", *DISPLACEMENTS}
-    drawn = {name: result.posterior.drawn(2000) @ deviations for name, deviations in result.posterior.deviations().items()}
+    drawn = {
+        name: result.posterior.drawn(2000) @ deviations
+        for name, deviations in result.posterior.deviations().items()
+    }
     for name, (matrix, unit) in read.items():
         names = name.split()[1:] or [name]
-        u = np.concatenate([np.atleast_1d(result.squareness[each].u if len(names) > 1 else result.errors[each].u) for each in names])
+        u = np.concatenate(
+            [
+                np.atleast_1d(
+                    result.squareness[each].u if len(names) > 1 else result.errors[each].u
+                )
+                for each in names
+            ]
+        )
         assert unit == ("\\radian" if len(names) > 1 else "\\metre") + "\\tothe{2}"
         assert np.diag(matrix) == pytest.approx((u * 1e-6) ** 2, abs=1e-17)
         assert np.array_equal(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix).min() > -1e-15
         moving = u > 1e-6
         own = (matrix / np.outer(u, u).clip(1e-12) * 1e12)[np.ix_(moving, moving)]
-        assert np.abs(own - np.corrcoef(np.hstack([drawn[each] for each in names])[:, moving].T)).max() < 0.15
+        assert (
+            np.abs(own - np.corrcoef(np.hstack([drawn[each] for each in names])[:, moving].T)).max()
+            < 0.15
+        )
 
 
 @pytest.mark.parametrize("result", [judged, diagonals_alone, one_axis])
@@ -203,27 +267,62 @@ def test_what_is_null_is_not_in_it(result, tmp_path):
     text = document(certificate_of(result(), stated(tmp_path), CUSTODY)).decode()
     assert not re.search(r"\b(nan|none|null|inf)\b", text, flags=re.IGNORECASE)
     known = {figure.name for figure in figures_of(result())}
-    assert {name for name, function in result().errors.items() if function.value is None}.isdisjoint(known)
-    assert known.isdisjoint({f"scale {axis}" for axis, scale in result().scale.items() if scale.value is None})
+    assert {
+        name for name, function in result().errors.items() if function.value is None
+    }.isdisjoint(known)
+    assert known.isdisjoint(
+        {f"scale {axis}" for axis, scale in result().scale.items() if scale.value is None}
+    )
 
 
 def test_missing_statements_are_named(tmp_path):
     found = tree(judged(), tmp_path)
-    for path in ("calibrationLaboratory/dcc:contact/dcc:name", "respPerson/dcc:person/dcc:name", "customer/dcc:name", "item/dcc:name"):
+    for path in (
+        "calibrationLaboratory/dcc:contact/dcc:name",
+        "respPerson/dcc:person/dcc:name",
+        "customer/dcc:name",
+        "item/dcc:name",
+    ):
         assert found.findtext(f".//dcc:{path}/dcc:content", namespaces=NAMES) == "not stated"
-    assert {one.text for one in found.iterfind(".//dcc:item//dcc:identification/dcc:value", NAMES)} == {"not stated"}
-    assert found.findtext(".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES) == "not stated"
+    assert {
+        one.text for one in found.iterfind(".//dcc:item//dcc:identification/dcc:value", NAMES)
+    } == {"not stated"}
+    assert (
+        found.findtext(".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES)
+        == "not stated"
+    )
 
 
 def test_statements_of_persons_and_hashes_stand_in_it(tmp_path):
     found = tree(judged(), tmp_path, WHOLE, accepted=["ppp/1/5: beam-lost; M. Muster: seen"])
-    laser, before = (hashlib.sha256(data).hexdigest() for data in (b"certificate of the laser", b"the report before"))
-    assert found.findtext(".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES) == laser
+    laser, before = (
+        hashlib.sha256(data).hexdigest()
+        for data in (b"certificate of the laser", b"the report before")
+    )
+    assert (
+        found.findtext(".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES)
+        == laser
+    )
     assert found.findtext(".//dcc:previousReport/dcc:value", namespaces=NAMES) == before
-    assert found.findtext(".//dcc:reportAmendedSubstituted/dcc:replacedUniqueIdentifier", namespaces=NAMES) == "2026-0041"
-    assert found.findtext(".//dcc:contact/dcc:name/dcc:content", namespaces=NAMES) == "Messlabor & Söhne <GmbH>"
-    assert "ppp/1/5: beam-lost; M. Muster: seen" in [one.text for one in found.iter(f"{{{NAMES['dcc']}}}content")]
-    hashes = [one.text for one in found.iterfind(".//dcc:metaData[@refType='stepdiag_custody']//dcc:noQuantity/dcc:content", NAMES)]
+    assert (
+        found.findtext(
+            ".//dcc:reportAmendedSubstituted/dcc:replacedUniqueIdentifier", namespaces=NAMES
+        )
+        == "2026-0041"
+    )
+    assert (
+        found.findtext(".//dcc:contact/dcc:name/dcc:content", namespaces=NAMES)
+        == "Messlabor & Söhne <GmbH>"
+    )
+    assert "ppp/1/5: beam-lost; M. Muster: seen" in [
+        one.text for one in found.iter(f"{{{NAMES['dcc']}}}content")
+    ]
+    hashes = [
+        one.text
+        for one in found.iterfind(
+            ".//dcc:metaData[@refType='stepdiag_custody']//dcc:noQuantity/dcc:content", NAMES
+        )
+    ]
     assert hashes == ["a" * 64, "b" * 64]
 
 
@@ -235,9 +334,16 @@ def test_statements_of_conformity_are_those_of_the_result(tmp_path):
     assert len(read) == len(conformity.as_found) + len(conformity.predicted)
     for status, one in zip(read, conformity.as_found, strict=False):
         assert (
-            status in {"conform": ("pass",), "not_conform": ("fail",), "not_decidable": ("conditionalPass", "conditionalFail")}[one.verdict]
+            status
+            in {
+                "conform": ("pass",),
+                "not_conform": ("fail",),
+                "not_decidable": ("conditionalPass", "conditionalFail"),
+            }[one.verdict]
         )
-    assert tree(diagonals_alone(), tmp_path).find(".//dcc:statement", NAMES) is None, "without a tolerance there is no word of it"
+    assert tree(diagonals_alone(), tmp_path).find(".//dcc:statement", NAMES) is None, (
+        "without a tolerance there is no word of it"
+    )
 
 
 def test_days_must_be_known(tmp_path):
@@ -246,7 +352,12 @@ def test_days_must_be_known(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["[laboratory]\nnam = 'x'\n", "[certificate]\ncountry = 'Germany'\n", "[[equipment]]\nname='l'\ncertificate_file='no.pdf'\n"]
+    "text",
+    [
+        "[laboratory]\nnam = 'x'\n",
+        "[certificate]\ncountry = 'Germany'\n",
+        "[[equipment]]\nname='l'\ncertificate_file='no.pdf'\n",
+    ],
 )
 def test_wrong_laboratory_file_is_refused(text, tmp_path):
     with pytest.raises(UsageError):
@@ -254,7 +365,8 @@ def test_wrong_laboratory_file_is_refused(text, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("value", "power", "text"), [(0.0, -6, "0"), (-0.0, -6, "0"), (12.5, -6, "0.0000125"), (-0.3, -6, "-3E-7"), (2.0, 0, "2")]
+    ("value", "power", "text"),
+    [(0.0, -6, "0"), (-0.0, -6, "0"), (12.5, -6, "0.0000125"), (-0.3, -6, "-3E-7"), (2.0, 0, "2")],
 )
 def test_numbers_are_exact_and_in_the_form_of_the_schema(value, power, text):
     assert written(value, power) == text

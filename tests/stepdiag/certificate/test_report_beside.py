@@ -1,4 +1,5 @@
-"""The report beside a certificate: rendered again to the byte, and its print as PDF/A-3 with the certificate attached."""
+"""The report beside a certificate: rendered again to the byte, and its print as PDF/A-3 with the
+certificate attached."""
 
 import shutil
 from collections.abc import Callable
@@ -14,7 +15,10 @@ from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
 from testkit.forgeries import rehashed
 
-LABORATORY = '[certificate]\nnumber = "2026-0042"\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
+LABORATORY = (
+    '[certificate]\nnumber = "2026-0042"\nbegun = 2026-05-30\nended = '
+    '2026-05-31\n[laboratory]\nname = "Lab"\n'
+)
 LETTERHEAD = 'company = "Lab"\naddress = "Street 1"\n'
 TOLERANCE = "[tolerance]\nvolumetric_rms_um = 20.0\nsquareness_urad = 30.0\n"
 SETTINGS = ("--laboratory", "laboratory.toml", "--letterhead", "letterhead.toml")
@@ -26,14 +30,38 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     readings = Bench(seed=3, increments=2).survey(passes=(1, 2), joined=True)
     for name, text in (
-        ("readings.csv", render_readings(readings)), ("laboratory.toml", LABORATORY), ("letterhead.toml", LETTERHEAD),
+        ("readings.csv", render_readings(readings)),
+        ("laboratory.toml", LABORATORY),
+        ("letterhead.toml", LETTERHEAD),
         ("tolerance.toml", TOLERANCE),
-    ):  # fmt: skip
+    ):
         (folder / name).write_text(text, encoding="utf-8")
     done(folder, "solve", "readings.csv", "--tolerance", "tolerance.toml", "--out", "result.json")
-    done(folder, "export", "result.json", "--controller", "linuxcnc", "--step-mm", "50", "--out", "exports")
+    done(
+        folder,
+        "export",
+        "result.json",
+        "--controller",
+        "linuxcnc",
+        "--step-mm",
+        "50",
+        "--out",
+        "exports",
+    )
     report(folder)
-    done(folder, "certificate", "result.json", "exports", *SETTINGS, "--report", "report.html", "--pdf", "c.pdf", "--out", "c.xml")
+    done(
+        folder,
+        "certificate",
+        "result.json",
+        "exports",
+        *SETTINGS,
+        "--report",
+        "report.html",
+        "--pdf",
+        "c.pdf",
+        "--out",
+        "c.xml",
+    )
     return folder
 
 
@@ -63,10 +91,22 @@ def test_report_and_pages_hold_and_nothing_is_left_behind(folder: Path) -> None:
     assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.parametrize("more", [("--language", "de"), ("--readings", "readings.csv")], ids=["german", "readings"])
+@pytest.mark.parametrize(
+    "more", [("--language", "de"), ("--readings", "readings.csv")], ids=["german", "readings"]
+)
 def test_report_in_other_words_is_of_the_same_result(folder: Path, more: tuple[str, ...]) -> None:
     report(folder, *more)
-    done(folder, "certificate", "result.json", "exports", *SETTINGS, "--report", "report.html", "--out", "d.xml")
+    done(
+        folder,
+        "certificate",
+        "result.json",
+        "exports",
+        *SETTINGS,
+        "--report",
+        "report.html",
+        "--out",
+        "d.xml",
+    )
     assert stepdiag("verify", folder / "d.xml").code == 0
 
 
@@ -86,12 +126,27 @@ FORGERIES = {
 
 @pytest.mark.parametrize("name", FORGERIES)
 def test_altered_report_is_refused_and_found(name: str, folder: Path) -> None:
-    """Nobody gets a certificate for it, and a certificate whose hash was altered too does not hold."""
+    """Nobody gets a certificate for it, and a certificate whose hash was altered too does not
+    hold."""
     path = folder / "report.html"
     before, text = path.read_bytes(), path.read_text(encoding="utf-8")
     assert FORGERIES[name](text) != text
     path.write_text(FORGERIES[name](text), encoding="utf-8", newline="")
-    told = stepdiag(*at(folder, ("certificate", "result.json", "exports", *SETTINGS, "--report", "report.html", "--out", "d.xml")))
+    told = stepdiag(
+        *at(
+            folder,
+            (
+                "certificate",
+                "result.json",
+                "exports",
+                *SETTINGS,
+                "--report",
+                "report.html",
+                "--out",
+                "d.xml",
+            ),
+        )
+    )
     assert (told.code, (folder / "d.xml").exists()) == (3, False)
     rehashed(folder, before, "report.html")
     told = stepdiag("verify", folder / "c.xml")
@@ -104,21 +159,36 @@ def test_forged_report_by_another_name_is_no_report(name: str, folder: Path) -> 
     (folder / name).write_text(text.replace(" ± ", " ± 0", 1), encoding="utf-8")
     settings = at(folder, SETTINGS)
     told = stepdiag(
-        "certificate", folder / "result.json", folder / "exports", *settings, "--report", folder / name, "--out", folder / "d.xml"
+        "certificate",
+        folder / "result.json",
+        folder / "exports",
+        *settings,
+        "--report",
+        folder / name,
+        "--out",
+        folder / "d.xml",
     )
     assert (told.code, (folder / "d.xml").exists()) == (3, False)
 
 
 def test_letterhead_that_the_certificate_does_not_name_is_refused(folder: Path) -> None:
     told = stepdiag(
-        "certificate", folder / "result.json", folder / "exports", "--laboratory", folder / "laboratory.toml", "--report",
-        folder / "report.html", "--out", folder / "d.xml",
-    )  # fmt: skip
+        "certificate",
+        folder / "result.json",
+        folder / "exports",
+        "--laboratory",
+        folder / "laboratory.toml",
+        "--report",
+        folder / "report.html",
+        "--out",
+        folder / "d.xml",
+    )
     assert (told.code, "letterhead" in told.refusal) == (3, True)
 
 
 def test_pdf_is_an_archive_by_an_independent_reader(folder: Path) -> None:
-    """What ISO 19005-3 level B asks of a document like this one, read by pypdf: identification, colours, fonts, attachment, no secrets."""
+    """What ISO 19005-3 level B asks of a document like this one, read by pypdf: identification,
+    colours, fonts, attachment, no secrets."""
     reader = PdfReader(folder / "c.pdf")
     assert (reader.xmp_metadata.pdfaid_part, reader.xmp_metadata.pdfaid_conformance) == ("3", "B")
     assert reader.xmp_metadata.dc_title["x-default"] == reader.metadata.title
@@ -130,7 +200,11 @@ def test_pdf_is_an_archive_by_an_independent_reader(folder: Path) -> None:
     assert not {"/AA", "/OpenAction", "/JavaScript"} & {*root, *root["/Names"]}
     assert reader.attachments["c.xml"] == [(folder / "c.xml").read_bytes()]
     (attached,) = root["/AF"]
-    assert (attached["/AFRelationship"], attached["/F"], attached["/UF"]) == ("/Alternative", "c.xml", "c.xml")
+    assert (attached["/AFRelationship"], attached["/F"], attached["/UF"]) == (
+        "/Alternative",
+        "c.xml",
+        "c.xml",
+    )
     assert attached["/EF"]["/F"]["/Subtype"] == "/text/xml"
     assert attached["/EF"]["/F"]["/Params"]["/ModDate"] == "D:20260531000000Z"
     fonts = [font for page in reader.pages for font in page["/Resources"]["/Font"].values()]
@@ -148,7 +222,8 @@ def test_pdf_is_an_archive_by_an_independent_reader(folder: Path) -> None:
 
 
 def test_pages_of_another_report_are_found(folder: Path) -> None:
-    """The right certificate in a PDF with other pages: a figure drawn over, a page left out, another print."""
+    """The right certificate in a PDF with other pages: a figure drawn over, a page left out,
+    another print."""
     whole = (folder / "c.pdf").read_bytes()
     with pikepdf.open(folder / "c.pdf") as document:
         del document.pages[-1]
@@ -180,7 +255,11 @@ def test_print_without_attachment_or_font_is_refused(folder: Path) -> None:
     done(folder, "report", "result.json", "--out", "plain.pdf")
     assert stepdiag("verify", folder / "plain.pdf").code == 3
     with pikepdf.open(folder / "plain.pdf") as document:
-        font = next(one for one in document.objects if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/FontDescriptor")
+        font = next(
+            one
+            for one in document.objects
+            if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/FontDescriptor"
+        )
         del font["/FontFile2"]
         document.save(folder / "poor.pdf")
     with pytest.raises(Exception, match="fonts"):

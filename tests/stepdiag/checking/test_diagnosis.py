@@ -1,4 +1,5 @@
-"""What ``stepdiag check`` says about streams and register maps, fed by hand: every cause has words of its own."""
+"""What ``stepdiag check`` says about streams and register maps, fed by hand: every cause has words
+of its own."""
 
 import struct
 
@@ -19,7 +20,9 @@ def told(seen, severity=None):
 
 
 def registers(heartbeat=0, *, setup=0, x=0, material=2000, pressure=10132):
-    return struct.pack(">HHHHiiihhHH", heartbeat, 1, 1, setup, x, 0, 0, material, 2000, pressure, 500)
+    return struct.pack(
+        ">HHHHiiihhHH", heartbeat, 1, 1, setup, x, 0, 0, material, 2000, pressure, 500
+    )
 
 
 def answer(seen, at_s, data):
@@ -37,7 +40,9 @@ def machine_is_well(seen, seconds=5.0, **values):
 def laser_is_well(seen, seconds=5.0, beam=0.9, line="{0:.6f} {1} {2}\n"):
     seen.take(LinkEvent(0, "laser", "connected", "there"))
     for sample in range(int(seconds * 100)):
-        seen.take(Chunk("laser", int((1 + sample / 100) * S), line.format(12.5, sample, beam).encode()))
+        seen.take(
+            Chunk("laser", int((1 + sample / 100) * S), line.format(12.5, sample, beam).encode())
+        )
 
 
 @pytest.fixture
@@ -61,8 +66,13 @@ def test_whether_a_compensation_is_active_is_asked_until_it_is_answered(answer):
 
 class TestLaser:
     def test_what_cannot_be_opened_is_told_as_the_port_says_it(self, seen):
-        seen.take(LinkEvent(0, "laser", "lost", "serial port laser: found No such file or directory"))
-        assert told(seen, "error")["laser-unreachable"] == "serial port laser: found No such file or directory"
+        seen.take(
+            LinkEvent(0, "laser", "lost", "serial port laser: found No such file or directory")
+        )
+        assert (
+            told(seen, "error")["laser-unreachable"]
+            == "serial port laser: found No such file or directory"
+        )
 
     def test_a_line_without_a_byte(self, seen):
         seen.take(LinkEvent(0, "laser", "silent", "laser: no byte for 2 s"))
@@ -79,7 +89,9 @@ class TestLaser:
             seen.take(Chunk("laser", 6 * S + at, b"12.5 \x00\xff\n"))
         assert "bad cable" in told(seen, "warning")["bytes-garbled"]
 
-    @pytest.mark.parametrize(("beam", "code"), [(0.05, "beam-lost"), (0.3, "instrument-reports.weak-beam")])
+    @pytest.mark.parametrize(
+        ("beam", "code"), [(0.05, "beam-lost"), (0.3, "instrument-reports.weak-beam")]
+    )
     def test_the_beam_is_judged_by_its_strength(self, seen, beam, code):
         laser_is_well(seen, beam=beam)
         assert f"({100 * beam:.0f} %)" in told(seen, "warning")[code]
@@ -87,7 +99,10 @@ class TestLaser:
     def test_a_slow_instrument_is_measured_against_its_rate(self, seen):
         laser_is_well(seen_fast := seen_of(LINE_SURVEY + "rate_hz = 200.0\n"))
         seen_fast.seconds = 5.0
-        assert "should give 200.0 samples a second and gives 100.0" in told(seen_fast, "warning")["samples-missing.rate"]
+        assert (
+            "should give 200.0 samples a second and gives 100.0"
+            in told(seen_fast, "warning")["samples-missing.rate"]
+        )
 
     def test_a_link_that_came_back_is_unsteady_and_one_that_did_not_is_an_error(self, seen):
         laser_is_well(seen)
@@ -134,19 +149,33 @@ class TestMachine:
     def test_polls_that_come_too_slowly(self, seen):
         for poll in range(50):
             answer(seen, 1 + poll / 10, registers(poll))
-        assert "10 polls a second are answered instead of 50" in told(seen, "warning")["samples-missing.polls"]
+        assert (
+            "10 polls a second are answered instead of 50"
+            in told(seen, "warning")["samples-missing.polls"]
+        )
 
     def test_what_is_not_mapped_is_said_with_what_it_costs(self):
-        seen = seen_of(LINE_SURVEY + '[plc.signals.stopped]\ntable = "coil"\naddress = 3\ntype = "bit"\n')
+        seen = seen_of(
+            LINE_SURVEY + '[plc.signals.stopped]\ntable = "coil"\naddress = 3\ntype = "bit"\n'
+        )
         seen.seconds = 5.0
         answer(seen, 1, b"\x01")
         notes = [each for each in diagnose(seen) if each.code == "signals-absent"]
         assert len(notes) == 10
-        assert notes[2].text == "without heartbeat a control that no longer renews its signals is not noticed"
+        assert (
+            notes[2].text
+            == "without heartbeat a control that no longer renews its signals is not noticed"
+        )
 
     def test_the_indispensable_signal_refused_is_an_error_any_other_a_warning(self):
-        extra = '[plc.signals.stopped]\naddress = 3\ntype = "bit"\n[plc.signals.alarm]\naddress = 90\ntype = "bit"\n'
-        for refused, severity in (((b"", b"\x00\x00", b""), "error"), ((b"\x00\x00", b"", b"\x00\x00"), "warning")):
+        extra = (
+            '[plc.signals.stopped]\naddress = 3\ntype = "bit"\n[plc.signals.alarm]\naddress = '
+            '90\ntype = "bit"\n'
+        )
+        for refused, severity in (
+            ((b"", b"\x00\x00", b""), "error"),
+            ((b"\x00\x00", b"", b"\x00\x00"), "warning"),
+        ):
             seen = seen_of(LINE_SURVEY + extra)
             seen.take(LinkEvent(0, "machine", "connected", "exception 2 (illegal data address)"))
             answer(seen, 1, refused)

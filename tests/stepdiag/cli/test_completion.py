@@ -1,4 +1,5 @@
-"""What the shell offers: commands, options and the names of the controls, which the help lists too."""
+"""What the shell offers: commands, options and the names of the controls, which the help lists
+too."""
 
 import os
 import subprocess
@@ -17,8 +18,19 @@ BEGIN = "import sys; sys.argv[0] = 'stepdiag'; from stepdiag.__main__ import mai
 
 def offered(words):
     """Return what bash would offer for the last of these words."""
-    environment = os.environ | {"_STEPDIAG_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-    done = subprocess.run([sys.executable, "-c", BEGIN], capture_output=True, text=True, timeout=120, check=False, env=environment)
+    environment = os.environ | {
+        "_STEPDIAG_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(words.count(" ")),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=environment,
+    )
     return done.stdout.split()
 
 

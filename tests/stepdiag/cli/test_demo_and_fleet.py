@@ -1,4 +1,5 @@
-"""Options of the demo and of the fleet's page: each changes what the command starts, or is refused."""
+"""Options of the demo and of the fleet's page: each changes what the command starts, or is
+refused."""
 
 import json
 import re
@@ -25,8 +26,14 @@ def demonstrations(monkeypatch):
         seeds.append(seed)
         after = {"siemens": Figures(rms_um=2.0, largest_um=4.0, face_diagonal_um=1.0)}
         return Demonstrated(
-            folder=folder, round=folder / "0001", before=FIGURES, after=after, reach={}, promises=(), seconds=1.0
-        )  # fmt: skip
+            folder=folder,
+            round=folder / "0001",
+            before=FIGURES,
+            after=after,
+            reach={},
+            promises=(),
+            seconds=1.0,
+        )
 
     monkeypatch.setattr("stepdiag.demo.demo.demonstrate", demonstrate)
     return seeds
@@ -49,7 +56,9 @@ def test_the_demo_prints_its_figures_for_programs(demonstrations, monkeypatch):
     assert len(demonstrations) == 3
 
 
-@pytest.mark.parametrize(("given", "opened"), [((), True), (("--browser",), True), (("--no-browser",), False)])
+@pytest.mark.parametrize(
+    ("given", "opened"), [((), True), (("--browser",), True), (("--no-browser",), False)]
+)
 def test_the_live_demo_opens_a_browser_unless_asked_not_to(given, opened, monkeypatch):
     pages = []
 
@@ -58,7 +67,10 @@ def test_the_live_demo_opens_a_browser_unless_asked_not_to(given, opened, monkey
         yield None
 
     monkeypatch.setattr("stepdiag.demo.keys.keyboard", keyboard)
-    monkeypatch.setattr("stepdiag.demo.live.live", lambda out, seed, person: person.opened("http://127.0.0.1:1/", "token"))
+    monkeypatch.setattr(
+        "stepdiag.demo.live.live",
+        lambda out, seed, person: person.opened("http://127.0.0.1:1/", "token"),
+    )
     monkeypatch.setattr("webbrowser.open", pages.append)
     assert stepdiag("demo", "--live", *given).code == 0
     assert pages == ["http://127.0.0.1:1/"] * opened
@@ -72,11 +84,14 @@ def test_an_option_of_the_other_kind_of_demo_is_refused(given, demonstrations):
 
 @pytest.fixture
 def visited(tmp_path: Path, monkeypatch):
-    """Return what a browser receives from the page that ``fleet`` with these options serves, and where it serves."""
+    """Return what a browser receives from the page that ``fleet`` with these options serves, and
+    where it serves."""
     store = Store(str(tmp_path / "store"), create=True)
     write_history(store, "Lathe", [5.0, 5.1, 5.2, 5.4])
     served = []
-    monkeypatch.setattr("stepdiag.fleet.page.serve", lambda app, host, port: served.append((app, host, port)))
+    monkeypatch.setattr(
+        "stepdiag.fleet.page.serve", lambda app, host, port: served.append((app, host, port))
+    )
 
     def shown(*options):
         told = stepdiag("fleet", store.address, *options)

@@ -1,4 +1,5 @@
-"""Every option of a command changes what it prints or writes, or is refused: none is accepted and not used."""
+"""Every option of a command changes what it prints or writes, or is refused: none is accepted and
+not used."""
 
 import json
 import os
@@ -26,7 +27,14 @@ from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.fleet.archive import add as archived
 from stepdiag.fleet.store import Store
 from stepdiag.fourdof.record import HeadRecord, render_head_csv
-from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
+from stepdiag.virtual.instruments.head import (
+    Disturbance,
+    HeadOptics,
+    HeadStand,
+    VirtualHead,
+    Wander,
+    stage_pose,
+)
 from testkit.cli import Told, stepdiag
 from testkit.elsewhere import contents, digests, put_back
 from testkit.exact.heads import write_head_file
@@ -36,10 +44,19 @@ from testkit.fleets import finished_survey, write_history
 
 Outcome = tuple[Told, dict[Path, bytes]]
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
-ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -9, -5, -12, -19], "EZZ": [0, 6, -4, 5, 9], "EYX": [0, 5, 8, 4, 0]}
+ERRORS = {
+    "EXX": [0, 3, 8, 12, 20],
+    "EYY": [0, -9, -5, -12, -19],
+    "EZZ": [0, 6, -4, 5, 9],
+    "EYX": [0, 5, 8, 4, 0],
+}
 SECTION = "[uncertainty]\nrepeatability_um = 4.0\n"
-ANGLES = "axis,position_mm,EA_urad,EB_urad,EC_urad\n" + "".join(f"X,{x:g},{x * 0.05:g},0,0\n" for x in range(0, 1001, 100))
-BOW = "position_mm,EYX_um,u_EYX_um\n" + "".join(f"{x:g},{40 - 0.00016 * (x - 500) ** 2:g},0.3\n" for x in range(0, 1001, 100))
+ANGLES = "axis,position_mm,EA_urad,EB_urad,EC_urad\n" + "".join(
+    f"X,{x:g},{x * 0.05:g},0,0\n" for x in range(0, 1001, 100)
+)
+BOW = "position_mm,EYX_um,u_EYX_um\n" + "".join(
+    f"{x:g},{40 - 0.00016 * (x - 500) ** 2:g},0.3\n" for x in range(0, 1001, 100)
+)
 SURVEY = """\
 [survey]
 name = "small"
@@ -63,17 +80,28 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
     "solve": (
         ["solve", "readings.csv", "--out", "first.json"],
         {
-            "--out": ["--out", "new.json"], "--method": ["--method", "least-squares"], "--chain": ["--chain", "XFYZ"],
-            "--angles": ["--angles", "angles.csv"], "--straightness": ["--straightness", "bow.csv"],
-            "--environment": ["--environment", "air.toml"], "--uncertainty": ["--uncertainty", "uncertainty.toml"],
-            "--tolerance": ["--tolerance", "tolerance.toml"], "--run": ["--run", "none.rtl"],
-            "--monte-carlo": ["--monte-carlo", "1000"], "--verbose": ["--verbose"], "--json": ["--json"], **STATED,
+            "--out": ["--out", "new.json"],
+            "--method": ["--method", "least-squares"],
+            "--chain": ["--chain", "XFYZ"],
+            "--angles": ["--angles", "angles.csv"],
+            "--straightness": ["--straightness", "bow.csv"],
+            "--environment": ["--environment", "air.toml"],
+            "--uncertainty": ["--uncertainty", "uncertainty.toml"],
+            "--tolerance": ["--tolerance", "tolerance.toml"],
+            "--run": ["--run", "none.rtl"],
+            "--monte-carlo": ["--monte-carlo", "1000"],
+            "--verbose": ["--verbose"],
+            "--json": ["--json"],
+            **STATED,
         },
     ),
     "plan": (
         ["plan", "survey.toml"],
         {
-            "--minutes": ["--minutes", "40"], "--target-um": ["--target-um", "40"], "--apply": ["--apply"], "--verbose": ["--verbose"],
+            "--minutes": ["--minutes", "40"],
+            "--target-um": ["--target-um", "40"],
+            "--apply": ["--apply"],
+            "--verbose": ["--verbose"],
             "--json": ["--json"],
         },
     ),
@@ -81,40 +109,67 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
     "export": (
         ["export", "result.json", "--controller", "siemens", "--step-mm", "100", "--out", "out"],
         {
-            "--controller": ["--controller", "neutral"], "--out": ["--out", "elsewhere"], "--profile": ["--profile", "profile.toml"],
-            "--step-mm": ["--step-mm", "50"], "--accept": ["--accept", "no-such-code"], "--json": ["--json"],
-            "--verbose": ["--verbose"], **STATED,
+            "--controller": ["--controller", "neutral"],
+            "--out": ["--out", "elsewhere"],
+            "--profile": ["--profile", "profile.toml"],
+            "--step-mm": ["--step-mm", "50"],
+            "--accept": ["--accept", "no-such-code"],
+            "--json": ["--json"],
+            "--verbose": ["--verbose"],
+            **STATED,
         },
     ),
     "verify": (
         ["verify", "result.json", "AX_EEC.INI"],
         {
-            "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"],
-            "--read-back": ["--read-back", "AX_EEC.INI"], **STATED,
+            "--profile": ["--profile", "profile.toml"],
+            "--diagonal": ["--diagonal", "none.rtl"],
+            "--out": ["--out", "new.svg"],
+            "--custody": ["--custody", "."],
+            "--key-certificate": ["--key-certificate", "none.pem"],
+            "--json": ["--json"],
+            "--read-back": ["--read-back", "AX_EEC.INI"],
+            **STATED,
         },
     ),
     "compare": (
         ["compare", "result.json", "later.json"],
         {
-            "--loaded": ["--loaded", "AX_EEC.INI"], "--profile": ["--profile", "profile.toml"], "--out": ["--out", "new"],
-            "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"], "--language": ["--language", "de"], "--json": ["--json"],
+            "--loaded": ["--loaded", "AX_EEC.INI"],
+            "--profile": ["--profile", "profile.toml"],
+            "--out": ["--out", "new"],
+            "--letterhead": ["--letterhead", "paper.toml"],
+            "--pdf": ["--pdf"],
+            "--language": ["--language", "de"],
+            "--json": ["--json"],
         },
     ),
     "report": (
         ["report", "result.json", "AX_EEC.INI"],
         {
-            "--out": ["--out", "new.html"], "--readings": ["--readings", "readings.csv"], "--profile": ["--profile", "none.toml"],
-            "--as-left": ["--as-left", "later.json"], "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"],
-            "--laboratory": ["--laboratory", "signed.toml"], "--language": ["--language", "de"], "--json": ["--json"],
+            "--out": ["--out", "new.html"],
+            "--readings": ["--readings", "readings.csv"],
+            "--profile": ["--profile", "none.toml"],
+            "--as-left": ["--as-left", "later.json"],
+            "--letterhead": ["--letterhead", "paper.toml"],
+            "--pdf": ["--pdf"],
+            "--laboratory": ["--laboratory", "signed.toml"],
+            "--language": ["--language", "de"],
+            "--json": ["--json"],
         },
     ),
     "certificate": (
         ["certificate", "result.json", "--laboratory", "laboratory.toml", "--out", "c.xml"],
         {
-            "--out": ["--out", "new.xml"], "--laboratory": ["--laboratory", "other.toml"], "--as-left": ["--as-left", "later.json"],
-            "--report": ["--report", "paper.toml"], "--key": ["--key", "none.pem"], "--key-certificate": ["--key-certificate", "none.pem"],
-            "--letterhead": ["--letterhead", "paper.toml"], "--profile": ["--profile", "profile.toml"], "--pdf": ["--pdf", "c.pdf"],
+            "--out": ["--out", "new.xml"],
+            "--laboratory": ["--laboratory", "other.toml"],
+            "--as-left": ["--as-left", "later.json"],
+            "--report": ["--report", "paper.toml"],
+            "--key": ["--key", "none.pem"],
+            "--key-certificate": ["--key-certificate", "none.pem"],
+            "--letterhead": ["--letterhead", "paper.toml"],
+            "--profile": ["--profile", "profile.toml"],
+            "--pdf": ["--pdf", "c.pdf"],
         },
     ),
     "import": (
@@ -127,85 +182,192 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
     "program": (
         ["program", "survey.toml", "--controller", "siemens", "--out", "out"],
         {
-            "--controller": ["--controller", "fanuc"], "--out": ["--out", "elsewhere"], "--profile": ["--profile", "program.toml"],
+            "--controller": ["--controller", "fanuc"],
+            "--out": ["--out", "elsewhere"],
+            "--profile": ["--profile", "program.toml"],
             "--json": ["--json"],
         },
     ),
     "signtest: bump": (
-        ["signtest", "--controller", "siemens", "--profile", "profile.toml", "--result", "result.json", "--out", "out"],
+        [
+            "signtest",
+            "--controller",
+            "siemens",
+            "--profile",
+            "profile.toml",
+            "--result",
+            "result.json",
+            "--out",
+            "out",
+        ],
         {
-            "--controller": ["--controller", "fanuc"], "--profile": ["--profile", "none.toml"], "--function": ["--function", "EYY"],
-            "--result": ["--result", "wider.json"], "--out": ["--out", "elsewhere"], "--off": ["--off", "off.csv"],
-            "--on": ["--on", "on.csv"], "--run": ["--run", "dial.csv"], "--date": ["--date", "2026-01-01"], "--json": ["--json"],
+            "--controller": ["--controller", "fanuc"],
+            "--profile": ["--profile", "none.toml"],
+            "--function": ["--function", "EYY"],
+            "--result": ["--result", "wider.json"],
+            "--out": ["--out", "elsewhere"],
+            "--off": ["--off", "off.csv"],
+            "--on": ["--on", "on.csv"],
+            "--run": ["--run", "dial.csv"],
+            "--date": ["--date", "2026-01-01"],
+            "--json": ["--json"],
         },
     ),
     "signtest: verdict": (
-        ["signtest", "--controller", "siemens", "--profile", "profile.toml", "--result", "result.json", "--run", "dial.csv"],
+        [
+            "signtest",
+            "--controller",
+            "siemens",
+            "--profile",
+            "profile.toml",
+            "--result",
+            "result.json",
+            "--run",
+            "dial.csv",
+        ],
         {
-            "--controller": ["--controller", "fanuc"], "--profile": ["--profile", "none.toml"], "--function": ["--function", "EYY"],
-            "--result": ["--result", "wider.json"], "--out": ["--out", "out"], "--off": ["--off", "off.csv"],
-            "--on": ["--on", "on.csv"], "--run": ["--run", "other.csv"], "--date": ["--date", "2026-01-01"], "--json": ["--json"],
+            "--controller": ["--controller", "fanuc"],
+            "--profile": ["--profile", "none.toml"],
+            "--function": ["--function", "EYY"],
+            "--result": ["--result", "wider.json"],
+            "--out": ["--out", "out"],
+            "--off": ["--off", "off.csv"],
+            "--on": ["--on", "on.csv"],
+            "--run": ["--run", "other.csv"],
+            "--date": ["--date", "2026-01-01"],
+            "--json": ["--json"],
         },
     ),
     "signtest: verdict for programs": (
-        ["signtest", "--controller", "siemens", "--profile", "profile.toml", "--result", "result.json", "--run", "dial.csv", "--json"],
+        [
+            "signtest",
+            "--controller",
+            "siemens",
+            "--profile",
+            "profile.toml",
+            "--result",
+            "result.json",
+            "--run",
+            "dial.csv",
+            "--json",
+        ],
         {
-            "--controller": ["--controller", "fanuc"], "--profile": ["--profile", "none.toml"], "--function": ["--function", "EYY"],
-            "--result": ["--result", "wider.json"], "--out": ["--out", "out"], "--off": ["--off", "off.csv"],
-            "--on": ["--on", "on.csv"], "--run": ["--run", "other.csv"], "--date": ["--date", "2026-01-01"], "--json": [],
+            "--controller": ["--controller", "fanuc"],
+            "--profile": ["--profile", "none.toml"],
+            "--function": ["--function", "EYY"],
+            "--result": ["--result", "wider.json"],
+            "--out": ["--out", "out"],
+            "--off": ["--off", "off.csv"],
+            "--on": ["--on", "on.csv"],
+            "--run": ["--run", "other.csv"],
+            "--date": ["--date", "2026-01-01"],
+            "--json": [],
         },
     ),
     "decode": (
         ["decode", "0001/0001.mcap"],
         {
-            "--to": ["--to", "parquet"], "--out": ["--out", "new.csv"], "--stream": ["--stream", "head"],
+            "--to": ["--to", "parquet"],
+            "--out": ["--out", "new.csv"],
+            "--stream": ["--stream", "head"],
             "--survey": ["--survey", "survey.toml"],
         },
     ),
     "info": (["info", "0001/0001.mcap"], {"--json": ["--json"]}),
-    "complete": (["complete", "0001"], {"--readings": ["--readings"], "--certificate": ["--certificate"]}),
+    "complete": (
+        ["complete", "0001"],
+        {"--readings": ["--readings"], "--certificate": ["--certificate"]},
+    ),
     "trend": (
         ["trend", "store"],
         {
-            "--machine": ["--machine", "Lathe"], "--tolerance": ["--tolerance", "volumetric-rms=15"], "--software": ["--software", "9"],
-            "--csv": ["--csv", "new.csv"], "--report": ["--report", "new.html"], "--language": ["--language", "de"], "--json": ["--json"],
+            "--machine": ["--machine", "Lathe"],
+            "--tolerance": ["--tolerance", "volumetric-rms=15"],
+            "--software": ["--software", "9"],
+            "--csv": ["--csv", "new.csv"],
+            "--report": ["--report", "new.html"],
+            "--language": ["--language", "de"],
+            "--json": ["--json"],
         },
     ),
-    "archive add": (["archive", "add", "0001", "--to", "out"], {"--to": ["--to", "elsewhere"], "--json": ["--json"]}),
+    "archive add": (
+        ["archive", "add", "0001", "--to", "out"],
+        {"--to": ["--to", "elsewhere"], "--json": ["--json"]},
+    ),
     "replay": (
         ["replay", "0001"],
-        {"--out": ["--out", "elsewhere"], "--survey": ["--survey", "survey.toml"], "--json": ["--json"]},
+        {
+            "--out": ["--out", "elsewhere"],
+            "--survey": ["--survey", "survey.toml"],
+            "--json": ["--json"],
+        },
     ),
     "fourdof new": (
-        ["fourdof", "new", "--id", "4D-9", "--psd1-focal-mm", "150", "--psd2-focal-mm", "150", "--out", "new.toml"],
+        [
+            "fourdof",
+            "new",
+            "--id",
+            "4D-9",
+            "--psd1-focal-mm",
+            "150",
+            "--psd2-focal-mm",
+            "150",
+            "--out",
+            "new.toml",
+        ],
         {
-            "--id": ["--id", "4D-8"], "--psd1-focal-mm": ["--psd1-focal-mm", "140"], "--psd2-focal-mm": ["--psd2-focal-mm", "140"],
+            "--id": ["--id", "4D-8"],
+            "--psd1-focal-mm": ["--psd1-focal-mm", "140"],
+            "--psd2-focal-mm": ["--psd2-focal-mm", "140"],
             "--out": ["--out", "other.toml"],
         },
     ),
     "fourdof calibrate": (
-        ["fourdof", "calibrate", "--run", "qd.x=stage.csv", "--base", "head.toml", "--out", "new.toml"],
+        [
+            "fourdof",
+            "calibrate",
+            "--run",
+            "qd.x=stage.csv",
+            "--base",
+            "head.toml",
+            "--out",
+            "new.toml",
+        ],
         {
-            "--run": ["--run", "qd.y=stage.csv"], "--base": ["--base", "none.toml"], "--out": ["--out", "other.toml"],
-            "--reference": ["--reference", "stage 12"], "--u-reference": ["--u-reference", "5"], "--degree": ["--degree", "3"],
-            "--plot": ["--plot", "new.svg"], "--json": ["--json"],
+            "--run": ["--run", "qd.y=stage.csv"],
+            "--base": ["--base", "none.toml"],
+            "--out": ["--out", "other.toml"],
+            "--reference": ["--reference", "stage 12"],
+            "--u-reference": ["--u-reference", "5"],
+            "--degree": ["--degree", "3"],
+            "--plot": ["--plot", "new.svg"],
+            "--json": ["--json"],
         },
     ),
     "fourdof stability": (
         ["fourdof", "stability", "near.csv", "--calibration", "head.toml", "--distance-mm", "500"],
         {
-            "--calibration": ["--calibration", "none.toml"], "--distance-mm": ["--distance-mm", "900"], "--seconds": ["--seconds", "9"],
-            "--interval-s": ["--interval-s", "2"], "--record": ["--record", "new.csv"], "--plot": ["--plot", "new.svg"],
+            "--calibration": ["--calibration", "none.toml"],
+            "--distance-mm": ["--distance-mm", "900"],
+            "--seconds": ["--seconds", "9"],
+            "--interval-s": ["--interval-s", "2"],
+            "--record": ["--record", "new.csv"],
+            "--plot": ["--plot", "new.svg"],
             "--json": ["--json"],
         },
     ),
     "fourdof compare": (
         ["fourdof", "compare", "ours.csv", "--reference", "theirs.csv"],
-        {"--reference": ["--reference", "ours.csv"], "--plot": ["--plot", "new.svg"], "--json": ["--json"]},
+        {
+            "--reference": ["--reference", "ours.csv"],
+            "--plot": ["--plot", "new.svg"],
+            "--json": ["--json"],
+        },
     ),
     "fourdof align": (["fourdof", "align", "near.csv"], {"--seconds": ["--seconds", "9"]}),
-}  # fmt: skip
-"""A call of each command that works on files alone, and every option of it with a value other than the call's own.
+}
+"""A call of each command that works on files alone, and every option of it with a value other than
+the call's own.
 
 After a colon stands what a call of the command is for, where it has several.
 """
@@ -225,7 +387,9 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "system/service/test_demo_live.py": ["--live", "--out"],
         "stepdiag/cli/test_demo_and_fleet.py": ["--browser", "--json", "--seed", "--verbose"],
     },
-    "init": {"stepdiag/cli/test_survey_and_logs.py": ["--feedback", "--machine-class", "--pitch-mm"]},
+    "init": {
+        "stepdiag/cli/test_survey_and_logs.py": ["--feedback", "--machine-class", "--pitch-mm"]
+    },
     "setup": {
         "system/shop/test_setup.py": [
             "--baud",
@@ -251,20 +415,45 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "pack": {},
     "page": {},
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
-    "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
+    "accept": {
+        "stepdiag/cli/test_status.py": ["--begun", "--reason"],
+        "system/recording/test_doubts.py": ["--name"],
+    },
     "correct": {"daq/capture/test_cause.py": ["--name", "--yes"]},
     "begin": {},
     "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
     "recover": {"stepdiag/cli/test_survey_and_logs.py": ["--json", "--out"]},
     "archive check": {"stepdiag/fleet/test_custody.py": []},
-    "fleet": {"stepdiag/cli/test_demo_and_fleet.py": ["--host", "--language", "--port", "--software", "--tolerance"]},
+    "fleet": {
+        "stepdiag/cli/test_demo_and_fleet.py": [
+            "--host",
+            "--language",
+            "--port",
+            "--software",
+            "--tolerance",
+        ]
+    },
     "resolve": {
         "stepdiag/fleet/test_archive.py": ["--json", "--machine", "--survey"],
-        "system/service/test_resolve.py": ["--ca", "--certificate", "--key", "--scheduler", "--workers"],
+        "system/service/test_resolve.py": [
+            "--ca",
+            "--certificate",
+            "--key",
+            "--scheduler",
+            "--workers",
+        ],
     },
     "publish": {
-        "system/service/test_publish.py": ["--broker", "--ca", "--every", "--once", "--password-file", "--topic", "--user"],
+        "system/service/test_publish.py": [
+            "--broker",
+            "--ca",
+            "--every",
+            "--once",
+            "--password-file",
+            "--topic",
+            "--user",
+        ],
         "system/service/test_opcua.py": ["--certificate", "--key", "--opcua", "--plain"],
         "stepdiag/publish/test_messages.py": ["--schema"],
     },
@@ -272,7 +461,16 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "system/recording/test_commission_head.py": ["--calibration", "--json"],
         "stepdiag/cli/test_fourdof.py": ["--out", "--controller", "--profile"],
     },
-    "proof": {"system/recording/test_proof_run.py": ["--controller", "--json", "--loaded", "--minutes", "--out", "--profile"]},
+    "proof": {
+        "system/recording/test_proof_run.py": [
+            "--controller",
+            "--json",
+            "--loaded",
+            "--minutes",
+            "--out",
+            "--profile",
+        ]
+    },
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
     "service remove": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
@@ -289,7 +487,8 @@ COVERED: dict[str, dict[str, list[str]]] = {
         ]
     },
 }
-"""Commands with processes, terminals or logs of a live run: the test, below tests/, that uses each option."""
+"""Commands with processes, terminals or logs of a live run: the test, below tests/, that uses each
+option."""
 
 
 def unstated() -> Result:
@@ -299,7 +498,8 @@ def unstated() -> Result:
 
 
 def write_head(folder: Path) -> None:
-    """Write what the commands of the 4-DOF head take: its file, a stage run, samples at two distances, curves of two instruments."""
+    """Write what the commands of the 4-DOF head take: its file, a stage run, samples at two
+    distances, curves of two instruments."""
     write_head_file(folder / "head.toml")
     reference = np.linspace(-600.0, 600.0, 27)
     rows = "".join(f"{at / 900:.6f},{at + 0.2 * np.sin(at):.3f}\n" for at in reference)
@@ -309,9 +509,16 @@ def write_head(folder: Path) -> None:
     still = np.zeros((len(time), 2))
     for name, distance_mm in (("near.csv", 500.0), ("far.csv", 2000.0)):
         wander = Disturbance(pointing_urad=Wander(amplitude=20.0, period_s=7.0, seed=3))
-        head = VirtualHead(HeadOptics(), stand, stage_pose(distance_mm, still[:1], still[:1], stand), disturbance=wander)
+        head = VirtualHead(
+            HeadOptics(),
+            stand,
+            stage_pose(distance_mm, still[:1], still[:1], stand),
+            disturbance=wander,
+        )
         channels = head.channels(stage_pose(distance_mm, still, still, stand), time).astype(float)
-        (folder / name).write_text(render_head_csv(HeadRecord(time_s=time, channels=channels)), encoding="utf-8")
+        (folder / name).write_text(
+            render_head_csv(HeadRecord(time_s=time, channels=channels)), encoding="utf-8"
+        )
     for name, size in (("ours.csv", 1.0), ("theirs.csv", 1.1)):
         rows = "".join(f"{at},{size * (at / 100) ** 2:g}\n" for at in range(0, 500, 100))
         (folder / name).write_text(f"position_mm,EYX_um\n{rows}", encoding="utf-8")
@@ -319,26 +526,42 @@ def write_head(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a file of each kind: files of a control, results, a finished survey, a store of archived ones."""
+    """A folder with a file of each kind: files of a control, results, a finished survey, a store of
+    archived ones."""
     folder = tmp_path_factory.mktemp("goods")
     result = unstated()
     profile = profile_of("siemens", VOLUME)
     control = controller_named("siemens")
-    plan = control.plan(fitted(result, profile.machine.functions, profile.machine.squareness_into).curves, profile)
+    plan = control.plan(
+        fitted(result, profile.machine.functions, profile.machine.squareness_into).curves, profile
+    )
     for file in control.render(plan.tables, profile):
         (folder / file.name).write_bytes(file.data)
     (folder / "etalon.txt").write_bytes(etalon.render(result).data)
     x, y, z = (size / 4 for size in VOLUME.size_mm)
-    written = profile_text("siemens", steps_mm=(x, y, z), references_mm=VOLUME.origin_mm, direction="mean")
-    wider = replace(result, volume=replace(VOLUME, size_mm=tuple(1.5 * size for size in VOLUME.size_mm)))
+    written = profile_text(
+        "siemens", steps_mm=(x, y, z), references_mm=VOLUME.origin_mm, direction="mean"
+    )
+    wider = replace(
+        result, volume=replace(VOLUME, size_mm=tuple(1.5 * size for size in VOLUME.size_mm))
+    )
     moved = bump(control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX").tables
     low = VOLUME.origin_mm[0]
     points = np.array([[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)])
     (curve,) = fitted(result, ["EXX"]).curves
-    dial = list(zip(points[:, 0], curve.at(points[:, 0]), total_correction_um(moved, points)[:, 0], strict=True))
+    dial = list(
+        zip(
+            points[:, 0],
+            curve.at(points[:, 0]),
+            total_correction_um(moved, points)[:, 0],
+            strict=True,
+        )
+    )
     texts = {
         "result.json": result.to_json(),
-        "later.json": replace(result, errors={**result.errors, "EXX": result.errors["EYY"]}).to_json(),
+        "later.json": replace(
+            result, errors={**result.errors, "EXX": result.errors["EYY"]}
+        ).to_json(),
         "wider.json": wider.to_json(),
         "profile.toml": written,
         "program.toml": "[program]\nfeed_decimals = 2\n",
@@ -353,8 +576,10 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
         "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
-        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own + by}\n" for at, own, by in dial),
-        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own - by}\n" for at, own, by in dial),
+        "dial.csv": "position_mm,off_um,on_um\n"
+        + "".join(f"{at:g},{own},{own + by}\n" for at, own, by in dial),
+        "other.csv": "position_mm,off_um,on_um\n"
+        + "".join(f"{at:g},{own},{own - by}\n" for at, own, by in dial),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -375,7 +600,8 @@ def kept(goods: Path) -> dict[Path, bytes]:
 
 @pytest.fixture
 def shop(goods: Path, kept: dict[Path, bytes], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """That folder as it was made, which is where the commands work: always the same, so that a path in an answer is no difference."""
+    """That folder as it was made, which is where the commands work: always the same, so that a path
+    in an answer is no difference."""
     if contents(goods) != kept:
         put_back(goods, kept)
     monkeypatch.chdir(goods)
@@ -384,7 +610,8 @@ def shop(goods: Path, kept: dict[Path, bytes], monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture(scope="module")
 def plain_outcomes() -> dict[str, Outcome]:
-    """What each call comes to without a further option: worked out once a call, not once an option."""
+    """What each call comes to without a further option: worked out once a call, not once an
+    option."""
     return {}
 
 
@@ -404,11 +631,18 @@ def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
 
 def options_of(name: str) -> set[str]:
     command = dict(commands())[name.partition(":")[0]]
-    return {parameter.opts[-1] for parameter in command.params if parameter.opts[-1].startswith("--")}
+    return {
+        parameter.opts[-1] for parameter in command.params if parameter.opts[-1].startswith("--")
+    }
 
 
 def cases() -> Iterator[tuple[str, str]]:
-    yield from ((name, option) for name, (_, options) in CALLS.items() for option, words in options.items() if words)
+    yield from (
+        (name, option)
+        for name, (_, options) in CALLS.items()
+        for option, words in options.items()
+        if words
+    )
 
 
 def without(call: list[str], option: str) -> list[str]:
@@ -431,16 +665,22 @@ def test_every_option_is_tried(name):
 
 def test_every_command_is_tried_or_named_with_its_tests():
     stepdiag("--version")
-    named = {name: {option for options in tests.values() for option in options} for name, tests in COVERED.items()}
+    named = {
+        name: {option for options in tests.values() for option in options}
+        for name, tests in COVERED.items()
+    }
     tried = {name.partition(":")[0] for name in CALLS}
     assert not tried & named.keys()
     assert tried | named.keys() == {name for name, _ in commands()}
-    missing = {(name, option) for name, options in named.items() for option in options_of(name) ^ options}
+    missing = {
+        (name, option) for name, options in named.items() for option in options_of(name) ^ options
+    }
     assert not missing
 
 
 @pytest.mark.parametrize(
-    ("name", "place", "option"), [(n, p, o) for n, tests in COVERED.items() for p, options in tests.items() for o in options]
+    ("name", "place", "option"),
+    [(n, p, o) for n, tests in COVERED.items() for p, options in tests.items() for o in options],
 )
 def test_the_named_test_uses_the_option(name, place, option):
     text = (Path(__file__).parents[2] / place).read_text(encoding="utf-8")
@@ -468,9 +708,16 @@ def test_the_same_call_makes_the_same(name, shop, kept):
 
 @pytest.mark.parametrize(
     "given",
-    [("--angles", "angles.csv"), ("--chain", "XFYZ"), ("--straightness", "bow.csv"), ("--uncertainty", "uncertainty.toml"),
-     ("--tolerance", "tolerance.toml"), ("--monte-carlo", "1000"), ("--run", "none.rtl")],
-)  # fmt: skip
+    [
+        ("--angles", "angles.csv"),
+        ("--chain", "XFYZ"),
+        ("--straightness", "bow.csv"),
+        ("--uncertainty", "uncertainty.toml"),
+        ("--tolerance", "tolerance.toml"),
+        ("--monte-carlo", "1000"),
+        ("--run", "none.rtl"),
+    ],
+)
 def test_logs_take_no_option_of_readings(given, shop):
     """Angles beside logs were read by nobody: 3.5 µm of uncertainty where they give 1.7."""
     told = stepdiag("solve", shop, *given)
@@ -481,7 +728,12 @@ def test_logs_take_no_option_of_readings(given, shop):
 @pytest.mark.parametrize("method", ["least-squares", "wang2000"])
 @pytest.mark.parametrize(
     "given",
-    [("--angles", "angles.csv"), ("--straightness", "bow.csv"), ("--uncertainty", "uncertainty.toml"), ("--monte-carlo", "1000")],
+    [
+        ("--angles", "angles.csv"),
+        ("--straightness", "bow.csv"),
+        ("--uncertainty", "uncertainty.toml"),
+        ("--monte-carlo", "1000"),
+    ],
 )
 def test_a_closed_form_takes_the_readings_alone(method, given, shop):
     assert stepdiag("solve", "readings.csv", "--method", method, *given).code == 2
@@ -502,13 +754,25 @@ def test_a_scheduler_has_workers_of_its_own(tmp_path):
 
 
 def test_files_are_worked_on_wherever_python_runs(shop, kept):
-    """Without the modules and calls that Windows has not, each call ends alike with the same bytes; what needs Linux is refused."""
+    """Without the modules and calls that Windows has not, each call ends alike with the same bytes;
+    what needs Linux is refused."""
     calls = {name: call for name, (call, _) in CALLS.items()}
-    linux = {name: ["run", "survey.toml"] if name == "run" else [*name.split(), *NEEDED.get(name, ["survey.toml"])] for name in LINUX_ONLY}
+    linux = {
+        name: ["run", "survey.toml"]
+        if name == "run"
+        else [*name.split(), *NEEDED.get(name, ["survey.toml"])]
+        for name in LINUX_ONLY
+    }
     given = json.dumps({**calls, **linux})
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     ended = subprocess.run(
-        [sys.executable, "-m", "testkit.elsewhere"], input=given, capture_output=True, text=True, cwd=shop, env=environment, check=False
+        [sys.executable, "-m", "testkit.elsewhere"],
+        input=given,
+        capture_output=True,
+        text=True,
+        cwd=shop,
+        env=environment,
+        check=False,
     )
     assert ended.returncode == 0, ended.stderr
     ends = json.loads(ended.stdout)

@@ -1,10 +1,22 @@
-"""From a fault on the wires to the files in the control: never worse than before, and never much worse than without the fault, unsaid."""
+"""From a fault on the wires to the files in the control: never worse than before, and never much
+worse than without the fault, unsaid."""
 
 from functools import cache
 
 import pytest
 
-from testkit.fault_cases import BEGIN, CASES, CLEAN, END, FILES, NEARLY, NOISE_UM, PAGE, run, what_became
+from testkit.fault_cases import (
+    BEGIN,
+    CASES,
+    CLEAN,
+    END,
+    FILES,
+    NEARLY,
+    NOISE_UM,
+    PAGE,
+    run,
+    what_became,
+)
 
 QUICK = {
     "positions written with one decimal",
@@ -24,7 +36,9 @@ def clean_um(tmp_path_factory):
     return done.after_um
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.words in QUICK], ids=lambda case: case.words)
+@pytest.mark.parametrize(
+    "case", [case for case in CASES if case.words in QUICK], ids=lambda case: case.words
+)
 def test_the_files_after_a_fault(tmp_path, clean_um, case):
     done, said = run(case, tmp_path)
     assert set(case.said) <= said

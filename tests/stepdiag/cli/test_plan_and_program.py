@@ -37,12 +37,19 @@ def survey(tmp_path: Path) -> Path:
 
 class TestProgram:
     def test_the_programs_appear_whole_or_not_at_all(self, survey, tmp_path, monkeypatch):
-        """Whoever finds the folder finds all setups, with their SHA-256; a half-written survey is driven by nobody."""
+        """Whoever finds the folder finds all setups, with their SHA-256; a half-written survey is
+        driven by nobody."""
         monkeypatch.setattr("os.fsync", _broken_at(3))
-        assert stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code == 2
+        assert (
+            stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code
+            == 2
+        )
         assert not (tmp_path / "nc").exists()
         monkeypatch.undo()
-        assert stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code == 0
+        assert (
+            stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code
+            == 0
+        )
         assert whole(tmp_path / "nc")
         assert len(list((tmp_path / "nc").glob("*.MPF"))) == 5
 
@@ -56,7 +63,9 @@ class TestProgram:
         ],
     )
     def test_writes_one_program_a_setup(self, survey, tmp_path, controller, name, block):
-        told = stepdiag("program", survey, "--controller", controller, "--out", tmp_path / "nc", "--json")
+        told = stepdiag(
+            "program", survey, "--controller", controller, "--out", tmp_path / "nc", "--json"
+        )
         said = json.loads(told.out)
         assert [each["setup"] for each in said["programs"]] == ["ppp", "npp", "npp+1", "pnp", "ppn"]
         assert block in (tmp_path / "nc" / name).read_text(encoding="ascii")
@@ -66,8 +75,22 @@ class TestProgram:
         profile = tmp_path / "p.toml"
         stepdiag("profile", "linuxcnc", "--out", profile)
         text = profile.read_text(encoding="utf-8")
-        profile.write_text(text + '[program]\nstand = "M62 P7"\nleave = "M63 P7"\n', encoding="utf-8")
-        assert stepdiag("program", survey, "--controller", "linuxcnc", "--out", tmp_path / "nc", "--profile", profile).code == 0
+        profile.write_text(
+            text + '[program]\nstand = "M62 P7"\nleave = "M63 P7"\n', encoding="utf-8"
+        )
+        assert (
+            stepdiag(
+                "program",
+                survey,
+                "--controller",
+                "linuxcnc",
+                "--out",
+                tmp_path / "nc",
+                "--profile",
+                profile,
+            ).code
+            == 0
+        )
         program = (tmp_path / "nc" / "step_ppp.ngc").read_text(encoding="ascii")
         assert "M62 P7" in program
         assert "M68 E0 Q1" in program, "what the profile does not state is the control's default"
@@ -83,7 +106,14 @@ class TestProgram:
     )
     def test_a_wrong_profile_is_refused_by_its_field(self, survey, tmp_path, section, refusal):
         (tmp_path / "p.toml").write_text(section, encoding="utf-8")
-        arguments = ("--controller", "siemens", "--out", tmp_path / "nc", "--profile", tmp_path / "p.toml")
+        arguments = (
+            "--controller",
+            "siemens",
+            "--out",
+            tmp_path / "nc",
+            "--profile",
+            tmp_path / "p.toml",
+        )
         told = stepdiag("program", survey, *arguments)
         assert told.code == 2
         assert told.refusal.startswith(refusal)
@@ -91,18 +121,41 @@ class TestProgram:
     def test_the_template_shows_the_controls_own_blocks(self, survey, tmp_path):
         """Whoever takes the # away gets the same program as without the section."""
         text = stepdiag("profile", "fanuc").out
-        section = re.sub(r"^# (?=\[|\w+ = )", "", text[text.index("# [program]") :], flags=re.MULTILINE)
+        section = re.sub(
+            r"^# (?=\[|\w+ = )", "", text[text.index("# [program]") :], flags=re.MULTILINE
+        )
         (tmp_path / "p.toml").write_text(section, encoding="utf-8")
         stepdiag("program", survey, "--controller", "fanuc", "--out", tmp_path / "a")
-        stepdiag("program", survey, "--controller", "fanuc", "--out", tmp_path / "b", "--profile", tmp_path / "p.toml")
+        stepdiag(
+            "program",
+            survey,
+            "--controller",
+            "fanuc",
+            "--out",
+            tmp_path / "b",
+            "--profile",
+            tmp_path / "p.toml",
+        )
         body = [(tmp_path / folder / "O8001").read_bytes() for folder in "ab"]
         assert body[0] == body[1]
 
-    @pytest.mark.parametrize(("travel", "code"), [("[-5.0, 505.0]", 0), ("[-4.0, 505.0]", 5), ("[-5.0, 100.0]", 5), ("[5.0, -5.0]", 2)])
+    @pytest.mark.parametrize(
+        ("travel", "code"),
+        [("[-5.0, 505.0]", 0), ("[-4.0, 505.0]", 5), ("[-5.0, 100.0]", 5), ("[5.0, -5.0]", 2)],
+    )
     def test_keeps_within_the_travel_of_the_profile(self, survey, tmp_path, travel, code):
         """Overrun included: a program that would run into a software limit is not written."""
         (tmp_path / "p.toml").write_text(f"[axes.X]\ntravel_mm = {travel}\n", encoding="utf-8")
-        told = stepdiag("program", survey, "--controller", "siemens", "--profile", tmp_path / "p.toml", "--out", tmp_path / "nc")
+        told = stepdiag(
+            "program",
+            survey,
+            "--controller",
+            "siemens",
+            "--profile",
+            tmp_path / "p.toml",
+            "--out",
+            tmp_path / "nc",
+        )
         assert told.code == code
         assert (tmp_path / "nc").exists() == (code == 0)
         assert code == 0 or "travel_mm" in told.refusal
@@ -116,13 +169,23 @@ class TestProgram:
 class TestPlan:
     def test_forecasts_and_ranks(self, survey):
         said = json.loads(stepdiag("plan", survey, "--json").out)
-        assert [run["setup"] for run in said["forecast"]["runs"]] == ["ppp", "npp", "npp+1", "pnp", "ppn"]
+        assert [run["setup"] for run in said["forecast"]["runs"]] == [
+            "ppp",
+            "npp",
+            "npp+1",
+            "pnp",
+            "ppn",
+        ]
         assert said["forecast"]["runs"][2]["beam_offset_mm"] == [0.0, 0.0, 40.0]
         assert said["forecast"]["u"]["EXX"] > 0
-        assert said["forecast"]["u"]["X"] is None, "four diagonals cannot separate the three scales (theory 3)"
+        assert said["forecast"]["u"]["X"] is None, (
+            "four diagonals cannot separate the three scales (theory 3)"
+        )
         left = [each["left_um"]["value"] for each in said["front"]]
         assert len(left) <= 7
-        assert all(then < 0.95 * now for now, then in itertools.pairwise(left)), "a gain below 5 % is not printed"
+        assert all(then < 0.95 * now for now, then in itertools.pairwise(left)), (
+            "a gain below 5 % is not printed"
+        )
         assert said["best"] is None
         assert said["floor_um"] == 0.0, "no control is named"
 
@@ -131,7 +194,10 @@ class TestPlan:
         assert "forecast: U (k = 2)" in told.out
         assert "surveys worth their time" in told.out
         assert "BEST SURVEY" in told.out
-        assert "U (k = 2) assumes these sizes where the readings do not show them: angular errors over 15 µrad" in told.out
+        assert (
+            "U (k = 2) assumes these sizes where the readings do not show them: angular errors "
+            "over 15 µrad" in told.out
+        )
 
     def test_the_floor_that_the_control_sets_is_named(self, survey):
         """Tables of one input axis hold nothing of what angles do away from the middle."""
@@ -139,7 +205,10 @@ class TestPlan:
         with survey.open("a", encoding="utf-8") as file:
             file.write('[[export]]\ncontroller = "fanuc"\nprofile = "fanuc.toml"\n')
         told = stepdiag("plan", survey, "--minutes", 90)
-        assert re.search(r"tables of one axis each leave 0\.\d+ µm whatever is driven", " ".join(told.out.split()))
+        assert re.search(
+            r"tables of one axis each leave 0\.\d+ µm whatever is driven",
+            " ".join(told.out.split()),
+        )
 
     def test_says_when_nothing_fits(self, survey):
         assert "No survey fits" in stepdiag("plan", survey, "--minutes", 10).out
@@ -152,11 +221,20 @@ class TestPlan:
         """The next of the list, without a wish; what is driven then is what the file says."""
         done = stepdiag("plan", survey, "--json", "--apply")
         said = json.loads(done.out)
-        better = [each for each in said["front"] if each["left_um"]["value"] < 0.95 * said["forecast"]["left_um"]["value"]]
+        better = [
+            each
+            for each in said["front"]
+            if each["left_um"]["value"] < 0.95 * said["forecast"]["left_um"]["value"]
+        ]
         drives = ", ".join(run["setup"] for run in better[0]["runs"])
-        assert f"[plan] now drives {drives}; repeats = 1; {better[0]['increments']} increments" in done.refusal
+        assert (
+            f"[plan] now drives {drives}; repeats = 1; {better[0]['increments']} increments"
+            in done.refusal
+        )
         again = json.loads(stepdiag("plan", survey, "--minutes", 15, "--json").out)["forecast"]
-        assert [run["setup"] for run in again["runs"]] == [run["setup"] for run in better[0]["runs"]]
+        assert [run["setup"] for run in again["runs"]] == [
+            run["setup"] for run in better[0]["runs"]
+        ]
         assert again["left_um"] == better[0]["left_um"]
 
     def test_writes_nothing_where_nothing_fits(self, survey):
@@ -199,11 +277,23 @@ class TestAdviceThatCanBeFollowed:
         path = tmp_path / "survey.toml"
         path.write_text(COARSE, encoding="utf-8")
         advice = json.loads(stepdiag("plan", path, *asked, "--json").out)
-        assert not [run for each in (*advice["front"], advice["best"]) for run in each["runs"] if "fourdof" in run["setup"]]
+        assert not [
+            run
+            for each in (*advice["front"], advice["best"])
+            for run in each["runs"]
+            if "fourdof" in run["setup"]
+        ]
         told = stepdiag("plan", path, *asked, "--apply")
         assert told.code == 0, told.refusal
-        assert asked[0] == "--minutes" or "a 4-DOF head along each axis:" in " ".join(told.out.split())
+        assert asked[0] == "--minutes" or "a 4-DOF head along each axis:" in " ".join(
+            told.out.split()
+        )
         again = json.loads(stepdiag("plan", path, "--minutes", 15, "--json").out)["forecast"]
-        assert (again["increments"], again["left_um"]) == (advice["best"]["increments"], advice["best"]["left_um"])
+        assert (again["increments"], again["left_um"]) == (
+            advice["best"]["increments"],
+            advice["best"]["left_um"],
+        )
         assert again["minutes"] == pytest.approx(advice["best"]["minutes"])
-        assert f"increments = {advice['best']['increments']}   # two days ago" in path.read_text(encoding="utf-8")
+        assert f"increments = {advice['best']['increments']}   # two days ago" in path.read_text(
+            encoding="utf-8"
+        )

@@ -1,4 +1,5 @@
-"""What `stepdiag proof` refuses, and the survey file that it writes: everything that measures stays as the person wrote it."""
+"""What `stepdiag proof` refuses, and the survey file that it writes: everything that measures stays
+as the person wrote it."""
 
 from datetime import date
 
@@ -43,13 +44,24 @@ latency_s = 0.02
 controller = "siemens"
 profile = "siemens.toml"
 """
-PROOF = Proof(controller="siemens", result="mill/0001/result.json", readings="mill/0001/readings.csv", profile="siemens.toml")
+PROOF = Proof(
+    controller="siemens",
+    result="mill/0001/result.json",
+    readings="mill/0001/readings.csv",
+    profile="siemens.toml",
+)
 
 
 def amended(text: str = SURVEY) -> str:
     plan = Plan(setups=("npp", "linear-x"), repeats=2)
     return as_proof(
-        text, "survey.toml", name="mill-proof-0001", plan=plan, active=["mill/0001/exports/A.INI"], day=date(2026, 2, 1), proof=PROOF
+        text,
+        "survey.toml",
+        name="mill-proof-0001",
+        plan=plan,
+        active=["mill/0001/exports/A.INI"],
+        day=date(2026, 2, 1),
+        proof=PROOF,
     )
 
 
@@ -57,8 +69,15 @@ def test_the_survey_file_of_a_proof_run_keeps_all_that_measures() -> None:
     before, after = parse_survey(SURVEY, "survey.toml"), parse_survey(amended(), "survey.toml")
     assert after.proof == PROOF
     assert (after.identity.name, after.identity.machine) == ("mill-proof-0001", "Mill 3")
-    assert (after.plan.setups, after.plan.repeats, after.plan.axis_orders) == (("npp", "linear-x"), 2, ())
-    assert (after.machine.compensation, after.machine.active) == ("on", ("mill/0001/exports/A.INI",))
+    assert (after.plan.setups, after.plan.repeats, after.plan.axis_orders) == (
+        ("npp", "linear-x"),
+        2,
+        (),
+    )
+    assert (after.machine.compensation, after.machine.active) == (
+        "on",
+        ("mill/0001/exports/A.INI",),
+    )
     assert (after.machine.active_date, after.machine.chain) == (date(2026, 2, 1), "XYFZ")
     assert (after.exports, after.solver.angles) == ((), "")
     assert (after.laser, after.box, after.plc) == (before.laser, before.box, before.plc)
@@ -67,13 +86,24 @@ def test_the_survey_file_of_a_proof_run_keeps_all_that_measures() -> None:
 
 
 def test_a_survey_file_without_these_sections_gets_them() -> None:
-    less = SURVEY[: SURVEY.index("[machine]")] + SURVEY[SURVEY.index("[laser]") : SURVEY.index("[[export]]")]
+    less = (
+        SURVEY[: SURVEY.index("[machine]")]
+        + SURVEY[SURVEY.index("[laser]") : SURVEY.index("[[export]]")]
+    )
     assert parse_survey(amended(less), "survey.toml").machine.compensation == "on"
 
 
 def test_a_proof_run_of_a_plan_that_the_survey_cannot_hold_is_refused() -> None:
     with pytest.raises(UsageError, match="nonsense"):
-        as_proof(SURVEY, "survey.toml", name="m", plan=Plan(setups=("nonsense",)), active=["A.INI"], day=date(2026, 2, 1), proof=PROOF)
+        as_proof(
+            SURVEY,
+            "survey.toml",
+            name="m",
+            plan=Plan(setups=("nonsense",)),
+            active=["A.INI"],
+            day=date(2026, 2, 1),
+            proof=PROOF,
+        )
 
 
 def test_what_is_missing_is_named(tmp_path) -> None:

@@ -1,4 +1,5 @@
-"""Linear runs and straight diagonals of other programs at the command line, against the exact virtual machine."""
+"""Linear runs and straight diagonals of other programs at the command line, against the exact
+virtual machine."""
 
 import json
 
@@ -21,7 +22,8 @@ def written(path, readings):
 
 @pytest.fixture
 def files(tmp_path):
-    """The diagonals as CSV, and the linear runs of the same survey as .rtl, as `stepdiag rtl` writes them."""
+    """The diagonals as CSV, and the linear runs of the same survey as .rtl, as `stepdiag rtl`
+    writes them."""
     survey = BENCH.survey((*DIAGONALS, *LINEAR), passes=(1, 2))
     whole = written(tmp_path / "whole.csv", survey)
     of = [row for row, setup in enumerate(survey.setup) if setup in DIAGONALS]
@@ -32,11 +34,16 @@ def files(tmp_path):
 
 
 def test_linear_runs_of_another_program_join_a_survey(files, tmp_path):
-    """The scales, which four diagonals do not tell apart, come from the runs, as if they had been recorded here."""
+    """The scales, which four diagonals do not tell apart, come from the runs, as if they had been
+    recorded here."""
     whole, diagonals, runs = files
     options = [option for path in runs for option in ("--run", path)]
     results = {}
-    for name, arguments in (("whole", (whole,)), ("joined", (diagonals, *options)), ("alone", (diagonals,))):
+    for name, arguments in (
+        ("whole", (whole,)),
+        ("joined", (diagonals, *options)),
+        ("alone", (diagonals,)),
+    ):
         told = stepdiag("solve", *arguments, "--json")
         assert told.code == 0, told.refusal
         results[name] = json.loads(told.out)
@@ -45,7 +52,9 @@ def test_linear_runs_of_another_program_join_a_survey(files, tmp_path):
         scale = {name: result["scale"][axis]["value"] for name, result in results.items()}
         assert scale["joined"] == pytest.approx(scale["whole"], abs=0.5)
     for name in ("C0Y", "B0Z", "A0Z"):
-        assert results["joined"]["squareness"][name]["value"] == pytest.approx(results["whole"]["squareness"][name]["value"], abs=0.5)
+        assert results["joined"]["squareness"][name]["value"] == pytest.approx(
+            results["whole"]["squareness"][name]["value"], abs=0.5
+        )
 
 
 def test_a_straight_diagonal_that_was_not_used_is_held_against_the_result(files, tmp_path):
@@ -60,9 +69,12 @@ def test_a_straight_diagonal_that_was_not_used_is_held_against_the_result(files,
     lines = [f"1 {number} {value - error_um[0]:.4f}" for number, value in enumerate(error_um, 1)]
     rtl = tmp_path / "d1.rtl"
     rtl.write_text(
-        "TARGET DATA::\nTarget-count : 5\nTargets :\n" + "\n".join(map(str, target)) + "\nRUNS::\nRun-count : 1\nDEVIATIONS::\n"
-        + "\n".join(lines) + "\nEOF::\n"
-    )  # fmt: skip
+        "TARGET DATA::\nTarget-count : 5\nTargets :\n"
+        + "\n".join(map(str, target))
+        + "\nRUNS::\nRun-count : 1\nDEVIATIONS::\n"
+        + "\n".join(lines)
+        + "\nEOF::\n"
+    )
     told = stepdiag("verify", result, "--diagonal", f"ppp={rtl}", "--json")
     assert told.code == 0, told.refusal
     found = json.loads(told.out)["diagonals"][0]
@@ -77,8 +89,14 @@ def test_what_is_asked_wrongly_is_refused(files, tmp_path):
     assert "linear-x once" in stepdiag("solve", whole, "--run", runs[0]).refusal
     assert "before the =" in stepdiag("solve", diagonals, "--run", f"linear-q={runs[0]}").refusal
     assert "three coordinates" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@1,2").refusal
-    assert "state the place of the line" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@,9999,0").refusal
-    assert "or --diagonal" in stepdiag("verify", tmp_path / "result.json").refusal or stepdiag("verify", tmp_path / "no.json").code
+    assert (
+        "state the place of the line"
+        in stepdiag("solve", diagonals, "--run", f"{runs[0]}@,9999,0").refusal
+    )
+    assert (
+        "or --diagonal" in stepdiag("verify", tmp_path / "result.json").refusal
+        or stepdiag("verify", tmp_path / "no.json").code
+    )
     assert stepdiag("rtl", diagonals, "--out", tmp_path).code == 3
     moved = stepdiag("solve", diagonals, "--run", f"linear-x={runs[0]}@,0,0")
     assert moved.code == 0, moved.refusal

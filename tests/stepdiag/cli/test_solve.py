@@ -31,12 +31,16 @@ class TestSolve:
         told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json", "--verbose")
         assert told.code == 0
         assert "volume 1000 x 800 x 500 mm" in told.out
-        assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), "range of the shape, um; unknown angles make u 7 um"
+        assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), (
+            "range of the shape, um; unknown angles make u 7 um"
+        )
         assert cells(told.out, "EXX")[5] == "shape only"
         assert cells(told.out, "EYX")[5] == "yes"
         assert cells(told.out, "scale X") == ["scale X", "-", "-", "µm/m", "NO"]
         assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.2)
-        assert float(cells(told.out, "ppp")[1]) == pytest.approx(0.4, abs=0.05), "the mirror's tilt in mrad"
+        assert float(cells(told.out, "ppp")[1]) == pytest.approx(0.4, abs=0.05), (
+            "the mirror's tilt in mrad"
+        )
         assert "WARNING unidentified" in told.out
 
     def test_for_programs_it_prints_the_bytes_that_it_writes(self, tmp_path):
@@ -72,7 +76,11 @@ class TestSolve:
         result = json.loads(told.out)
         assert result["head_straightness"]["EYX"]["passes"] == 1
         assert result["head_straightness"]["EYX"]["used"] is False
-        assert [each["severity"] for each in result["findings"] if each["code"] == "straightness-misclosure"] == ["error"]
+        assert [
+            each["severity"]
+            for each in result["findings"]
+            if each["code"] == "straightness-misclosure"
+        ] == ["error"]
 
     def test_logs_bring_their_own_straightness(self, tmp_path):
         told = stepdiag("solve", tmp_path, "--straightness", "s.csv")
@@ -81,8 +89,19 @@ class TestSolve:
 
     def test_a_survey_folder_stands_for_the_result_in_it(self, tmp_path):
         assert stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json").code == 0
-        asked = ("--controller", "neutral", "--step-mm", "100", "--accept", "unidentified", "--json")
-        by_folder, by_file = (stepdiag("export", tmp_path / at, *asked, "--out", tmp_path / "n") for at in ("", "result.json"))
+        asked = (
+            "--controller",
+            "neutral",
+            "--step-mm",
+            "100",
+            "--accept",
+            "unidentified",
+            "--json",
+        )
+        by_folder, by_file = (
+            stepdiag("export", tmp_path / at, *asked, "--out", tmp_path / "n")
+            for at in ("", "result.json")
+        )
         assert by_folder == by_file
 
     def test_what_a_result_is_solved_from_is_told_from_it(self, tmp_path):
@@ -95,7 +114,8 @@ class TestSolve:
 
     def test_readings_that_are_no_survey_are_refused(self, tmp_path):
         (tmp_path / "r.csv").write_text(
-            "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,0\nppp,1,2,100,100,100,173\n", encoding="utf-8"
+            "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,0\nppp,1,2,100,100,100,173\n",
+            encoding="utf-8",
         )
         told = stepdiag("solve", tmp_path / "r.csv")
         assert told.code == 3
@@ -104,8 +124,13 @@ class TestSolve:
     def test_a_laser_of_the_wrong_sign_is_named_with_the_file(self, tmp_path):
         """The reading is the column before the last one of the golden survey."""
         head, *rows = GOLDEN.read_text(encoding="utf-8").splitlines()[1:]
-        turned = [[*cells[:6], str(-float(cells[6])), *cells[7:]] for cells in (row.split(",") for row in rows)]
-        (tmp_path / "turned.csv").write_text("\n".join([head, *(",".join(cells) for cells in turned)]), encoding="utf-8")
+        turned = [
+            [*cells[:6], str(-float(cells[6])), *cells[7:]]
+            for cells in (row.split(",") for row in rows)
+        ]
+        (tmp_path / "turned.csv").write_text(
+            "\n".join([head, *(",".join(cells) for cells in turned)]), encoding="utf-8"
+        )
         told = stepdiag("solve", tmp_path / "turned.csv")
         assert told.code == 3
         assert told.refusal.startswith("turned.csv: setup ppp, pass 1: ")
@@ -119,7 +144,10 @@ class TestSolve:
         told = stepdiag("solve", tmp_path / "none.mcap")
         assert (told.code, told.refusal) == (
             2,
-            f"{tmp_path / 'none.mcap'}: expected a log (*.mcap) or a folder of logs, found nothing of this name",
+            (
+                f"{tmp_path / 'none.mcap'}: expected a log (*.mcap) or a folder of logs, found "
+                "nothing of this name"
+            ),
         )
 
 
@@ -143,34 +171,57 @@ class TestResultTable:
         """k = 2 (GUM 6.2): standard uncertainty 0.3 um, shown 0.60."""
         print_tables(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 8.0]}, u_um=0.3))
         out = capsys.readouterr().out
-        assert cells(out, "EXX")[1:4] == ["3.00", "8.00", "0.60"], "shape 0, -1, -2, -3, 0 um once the end-point line is removed"
+        assert cells(out, "EXX")[1:4] == ["3.00", "8.00", "0.60"], (
+            "shape 0, -1, -2, -3, 0 um once the end-point line is removed"
+        )
 
     def test_angles_stand_below_and_of_findings_the_worst_first(self, capsys):
-        findings = (Finding(code="b", severity="info", text="[note]"), Finding(code="a", severity="error", text="worst"))
+        findings = (
+            Finding(code="b", severity="info", text="[note]"),
+            Finding(code="a", severity="error", text="worst"),
+        )
         print_tables(made_up_result(angles=True))
         assert cells(capsys.readouterr().out, "ECZ")[4] == "µrad"
         print_findings(findings, verbose=True)
         assert capsys.readouterr().out.splitlines() == ["ERROR   a: worst", "note    b: [note]"]
         print_findings(findings, verbose=False)
-        assert capsys.readouterr().out.splitlines() == ["ERROR   a: worst", "1 note(s): --verbose prints them"]
+        assert capsys.readouterr().out.splitlines() == [
+            "ERROR   a: worst",
+            "1 note(s): --verbose prints them",
+        ]
 
 
 def test_help_comes_at_once():
     """Contract: under 0.25 s. What takes long to load is not loaded for it."""
     code = (
-        "import sys; from typer.testing import CliRunner; from stepdiag.cli.app import app, build; build();"
+        "import sys; from typer.testing import CliRunner; from stepdiag.cli.app import app, "
+        "build; build();"
         "assert CliRunner().invoke(app, ['--help']).exit_code == 0;"
-        "print([n for n in ('numpy', 'rich.table', 'msgspec', 'pymodbus', 'asyncio.base_events') if n in sys.modules])"
+        "print([n for n in ('numpy', 'rich.table', 'msgspec', 'pymodbus', 'asyncio.base_events') "
+        "if n in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
     assert done.stdout.strip() == "[]"
 
 
 def test_three_beam_offsets_give_all_eighteen_functions(tmp_path):
-    """No switch: where the beam's places tell the angular functions apart, ``solve`` of a CSV reports them and says so."""
-    offsets = {f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)}
-    bench = Bench(angle_urad=20.0, diagonal_noise_um=0.1, linear_noise_um=0.1, increments=6, beam_offset_mm=offsets)
-    (tmp_path / "r.csv").write_text(render_readings(bench.survey((*DIAGONALS, *offsets, *LINEAR))), encoding="utf-8")
+    """No switch: where the beam's places tell the angular functions apart, ``solve`` of a CSV
+    reports them and says so."""
+    offsets = {
+        f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)
+    }
+    bench = Bench(
+        angle_urad=20.0,
+        diagonal_noise_um=0.1,
+        linear_noise_um=0.1,
+        increments=6,
+        beam_offset_mm=offsets,
+    )
+    (tmp_path / "r.csv").write_text(
+        render_readings(bench.survey((*DIAGONALS, *offsets, *LINEAR))), encoding="utf-8"
+    )
     told = stepdiag("solve", tmp_path / "r.csv", "--out", tmp_path / "result.json", "--verbose")
     assert told.code == 0, told.refusal
     result = parse_result((tmp_path / "result.json").read_text(encoding="utf-8"))

@@ -31,11 +31,24 @@ def survey(tmp_path: Path) -> Path:
     return path
 
 
-def record(survey: Path, number: int, stops: list[CapturedStop], *, round_: str = "0001", finish: bool = True) -> Path:
+def record(
+    survey: Path,
+    number: int,
+    stops: list[CapturedStop],
+    *,
+    round_: str = "0001",
+    finish: bool = True,
+) -> Path:
     """Leave a log behind as a daemon does; cut off where it is not finished."""
     path = survey.parent / "bench" / round_ / f"{number:04d}.mcap"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_log(path, [*EVENTS, *map(stop_note, stops)], flush_every=1, finish=finish, header=replace(HEADER, survey_text=TEXT))
+    write_log(
+        path,
+        [*EVENTS, *map(stop_note, stops)],
+        flush_every=1,
+        finish=finish,
+        header=replace(HEADER, survey_text=TEXT),
+    )
     return path
 
 
@@ -45,8 +58,16 @@ def told(*arguments: object) -> dict:
 
 def test_before_anything_was_recorded_everything_is_to_do(survey):
     said = told(survey)
-    assert [(setup["name"], setup["state"]) for setup in said["setups"]] == [("ppp", "to-do"), ("npp", "to-do")]
-    assert (said["round"], said["next_setup"], said["complete"], said["logs"]) == (None, "ppp", False, [])
+    assert [(setup["name"], setup["state"]) for setup in said["setups"]] == [
+        ("ppp", "to-do"),
+        ("npp", "to-do"),
+    ]
+    assert (said["round"], said["next_setup"], said["complete"], said["logs"]) == (
+        None,
+        "ppp",
+        False,
+        [],
+    )
     assert not (survey.parent / "bench").exists(), "status makes nothing"
     assert "nothing recorded yet" in stepdiag("status", survey).out
 
@@ -72,7 +93,10 @@ def test_a_beam_that_was_lost_says_so(survey):
     stops[5] = msgspec.structs.replace(stops[5], broken="beam lost")
     record(survey, 1, stops)
     reason = told(survey)["setups"][0]["reason"]
-    assert reason.startswith("pass 1: stops 5, 6, 7, 8, 9 do not reach back to the start (beam lost): drive again from stop 4 on")
+    assert reason.startswith(
+        "pass 1: stops 5, 6, 7, 8, 9 do not reach back to the start (beam lost): drive again "
+        "from stop 4 on"
+    )
 
 
 def test_the_folder_alone_is_enough_and_the_last_round_counts(survey):
@@ -81,14 +105,20 @@ def test_the_folder_alone_is_enough_and_the_last_round_counts(survey):
     folder = survey.parent / "bench"
     assert told(folder)["next_setup"] == "ppp"
     assert told(folder / "0001")["complete"]
-    assert "every pass is in, no result yet: `stepdiag solve" in stepdiag("status", folder / "0001").out
+    assert (
+        "every pass is in, no result yet: `stepdiag solve"
+        in stepdiag("status", folder / "0001").out
+    )
     (folder / "0001" / "result.json").write_text("{}", encoding="utf-8")
     assert "complete: " in stepdiag("status", folder / "0001").out
 
 
 def recommended(out: str) -> list[list[str]]:
     """Return the commands that a text recommends, as a person would type them."""
-    return [shlex.split(each.replace("...", "'looked at it'")) for each in re.findall(r"`stepdiag ([^`]+)`", out.replace("\n", " "))]
+    return [
+        shlex.split(each.replace("...", "'looked at it'"))
+        for each in re.findall(r"`stepdiag ([^`]+)`", out.replace("\n", " "))
+    ]
 
 
 def test_what_it_recommends_for_a_doubt_makes_the_pass_whole(tmp_path):
@@ -119,25 +149,46 @@ def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_i
 
 
 def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
-    """`status` gives the command, the result the time that was stated, and the page hears of it through the same file."""
-    unset = [msgspec.structs.replace(stop, time_s=60.0 * stop.stop) for setup in ("ppp", "npp") for stop in stops_of(setup)]
+    """`status` gives the command, the result the time that was stated, and the page hears of it
+    through the same file."""
+    unset = [
+        msgspec.structs.replace(stop, time_s=60.0 * stop.stop)
+        for setup in ("ppp", "npp")
+        for stop in stops_of(setup)
+    ]
     record(survey, 1, unset)
-    line = next(line for line in stepdiag("status", survey).out.splitlines() if "clock-unset" in line)
+    line = next(
+        line for line in stepdiag("status", survey).out.splitlines() if "clock-unset" in line
+    )
     assert "the survey is dated 1970-01-01" in line
     (command,) = recommended(line)
     assert stepdiag(*command).code == 2, "TIME is no time"
     for wrong in ("1999-01-01T08:00", "tomorrow"):
-        assert "the time of the first stop" in stepdiag(*(wrong if word == "TIME" else word for word in command)).refusal
-    assert "as what is accepted" in stepdiag("accept", survey, "ppp/1", "--reason", "x", "--begun", "2027-01-15T08:00").refusal
-    assert stepdiag(*("2027-01-15T08:00+00:00" if word == "TIME" else word for word in command)).code == 0
+        assert (
+            "the time of the first stop"
+            in stepdiag(*(wrong if word == "TIME" else word for word in command)).refusal
+        )
+    assert (
+        "as what is accepted"
+        in stepdiag(
+            "accept", survey, "ppp/1", "--reason", "x", "--begun", "2027-01-15T08:00"
+        ).refusal
+    )
+    assert (
+        stepdiag(*("2027-01-15T08:00+00:00" if word == "TIME" else word for word in command)).code
+        == 0
+    )
     said = told(survey)
-    assert [(each["code"], each["severity"]) for each in said["findings"]] == [("clock-unset", "info")]
+    assert [(each["code"], each["severity"]) for each in said["findings"]] == [
+        ("clock-unset", "info")
+    ]
     assert "2027-01-15T08:00+00:00" in said["findings"][0]["text"]
     assert "clock-unset" not in stepdiag("status", survey).out
 
 
 def test_of_a_way_back_that_the_plan_does_not_want_nothing_is_asked(survey):
-    """A daemon that came back while the machine stood at its last stop begins one: who did as told drove a pass that nobody wants."""
+    """A daemon that came back while the machine stood at its last stop begins one: who did as told
+    drove a pass that nobody wants."""
     back = stops_of("ppp", outward=False, only=range(3))
     back[1] = marked(back[1], message("window-step", step_um=4.0))
     record(survey, 1, [*stops_of("ppp", only=range(5)), *back])
@@ -185,14 +236,22 @@ def test_a_survey_file_changed_since_is_named(survey):
     assert "stepdiag correct" in stepdiag("status", survey).out
     survey.write_text(TEXT, encoding="utf-8")
     assert "new round" not in stepdiag("status", survey).out
-    assert latest_round(survey.parent / "bench", TEXT, {}).folder.name == "0001", "undone, it goes on with these"
+    assert latest_round(survey.parent / "bench", TEXT, {}).folder.name == "0001", (
+        "undone, it goes on with these"
+    )
 
 
 def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, tmp_path):
-    """Copied there by hand: `solve` and `replay` refuse it, and its stops counted as those of this survey."""
+    """Copied there by hand: `solve` and `replay` refuse it, and its stops counted as those of this
+    survey."""
     record(survey, 1, stops_of("ppp"))
     other = replace(HEADER, survey_text=TEXT.replace("bench", "another"))
-    write_log(survey.parent / "bench" / "0001" / "0002.mcap", [*EVENTS, *map(stop_note, stops_of("npp"))], flush_every=1, header=other)
+    write_log(
+        survey.parent / "bench" / "0001" / "0002.mcap",
+        [*EVENTS, *map(stop_note, stops_of("npp"))],
+        flush_every=1,
+        header=other,
+    )
     assert told(survey)["next_setup"] == "npp"
     assert "0002.mcap: another one: it does not count here" in stepdiag("status", survey).out
 
@@ -212,7 +271,15 @@ def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
 
 @pytest.mark.parametrize(
     "damage",
-    [{"setup": ""}, {"setup": "linear-q"}, {"setup": "xyz"}, {"setup": "ppp+x"}, {"stop": -1}, {"time_s": -1e300}, {"time_s": 1e300}],
+    [
+        {"setup": ""},
+        {"setup": "linear-q"},
+        {"setup": "xyz"},
+        {"setup": "ppp+x"},
+        {"stop": -1},
+        {"time_s": -1e300},
+        {"time_s": 1e300},
+    ],
 )
 def test_a_log_with_a_stop_that_no_pass_can_have_is_named_and_the_others_count(survey, damage):
     """`status` and `accept` ended in a traceback where a stop named no setup."""

@@ -43,7 +43,9 @@ def test_init_writes_a_survey_that_validates_and_nothing_over_it(tmp_path: Path)
     assert load_survey(path).volume.increments == 10
     written = path.read_bytes()
     assert b"\r" not in written
-    with pytest.raises(UsageError, match=r"survey\.toml: expected a new file, found one that exists"):
+    with pytest.raises(
+        UsageError, match=r"survey\.toml: expected a new file, found one that exists"
+    ):
         run("init", path)
     assert path.read_bytes() == written
     with pytest.raises(UsageError, match="expected a file that can be written"):
@@ -51,22 +53,41 @@ def test_init_writes_a_survey_that_validates_and_nothing_over_it(tmp_path: Path)
 
 
 def test_init_takes_the_class_of_the_machine_and_its_screws(tmp_path: Path) -> None:
-    run("init", tmp_path / "a.toml", "--machine-class", "poor", "--feedback", "scale", "--pitch-mm", "16")
+    run(
+        "init",
+        tmp_path / "a.toml",
+        "--machine-class",
+        "poor",
+        "--feedback",
+        "scale",
+        "--pitch-mm",
+        "16",
+    )
     stated = load_survey(tmp_path / "a.toml").uncertainty
     assert (stated.machine_class, stated.feedback, stated.pitch_mm) == ("poor", "scale", 16.0)
-    for wrong in (("--machine-class", "best"), ("--feedback", "none"), ("--pitch-mm", "nan"), ("--pitch-mm", "0")):
+    for wrong in (
+        ("--machine-class", "best"),
+        ("--feedback", "none"),
+        ("--pitch-mm", "nan"),
+        ("--pitch-mm", "0"),
+    ):
         with pytest.raises(UsageError):
             run("init", tmp_path / "b.toml", *wrong)
     assert not (tmp_path / "b.toml").exists()
 
 
-def test_init_asks_on_a_terminal_until_it_understands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_init_asks_on_a_terminal_until_it_understands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     app = typer.Typer()
     survey.register(app)
     monkeypatch.setattr("stepdiag.cli.questions.on_terminal", lambda: True)
     asked = CliRunner().invoke(app, [str(tmp_path / "a.toml")], input="best\ngood\n\n20\n")
     assert asked.exit_code == 0, asked.output
-    assert "ordinary  a machining centre in a shop: repeats to 0.5 µm, angular errors of 15 µrad" in asked.output
+    assert (
+        "ordinary  a machining centre in a shop: repeats to 0.5 µm, angular errors of 15 µrad"
+        in asked.output
+    )
     stated = load_survey(tmp_path / "a.toml").uncertainty
     assert (stated.machine_class, stated.feedback, stated.pitch_mm) == ("good", "screw", 20.0)
 
@@ -76,7 +97,10 @@ def test_info_says_whether_a_log_is_whole(tmp_path: Path, cut_off: Path) -> None
     assert "whole.mcap: whole, complete" in whole
     assert "0 stops, 25 polls of the machine" in whole
     damaged = run("info", cut_off)
-    assert "not whole (it was cut off; 20 bytes cannot be read, 0 events lost with them); `stepdiag recover` mends it" in damaged
+    assert (
+        "not whole (it was cut off; 20 bytes cannot be read, 0 events lost with them); `stepdiag "
+        "recover` mends it" in damaged
+    )
 
 
 def test_info_for_programs(tmp_path: Path, cut_off: Path) -> None:

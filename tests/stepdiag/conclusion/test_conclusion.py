@@ -43,7 +43,9 @@ from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.german import is_english
 
 
-def predicted(rms: tuple[float, float, float], largest: tuple[float, float, float]) -> dict[str, Any]:
+def predicted(
+    rms: tuple[float, float, float], largest: tuple[float, float, float]
+) -> dict[str, Any]:
     """Return a ``predicted`` of contract 4 whose after-values are these (value, low, high)."""
 
     def figure(value: float, low: float, high: float) -> dict[str, float]:
@@ -77,7 +79,10 @@ class TestTheLargestShare:
     def test_is_named_with_what_makes_it_smaller(self, source: str, words: str) -> None:
         """3 um of 5 in all, by squares 9 of 25: 36 %; what has no knob is in the whole alone."""
         shares = {"readings": 0.0, "wander": 0.0, "sizes of these": 4.0, source: 3.0}
-        result = replace(made_result(), budget=Budget(assumptions={}, shares={"volume": shares}, combined={"volume": 5.0}))
+        result = replace(
+            made_result(),
+            budget=Budget(assumptions={}, shares={"volume": shares}, combined={"volume": 5.0}),
+        )
         increments = result.volume.increments
         said = [render(one, "en") for one in conclude(result).reached if one.key == "reach_largest"]
         assert len(said) == 1
@@ -85,24 +90,38 @@ class TestTheLargestShare:
         assert words.replace("20", f"{2 * increments}") in said[0]
 
     def test_is_not_named_without_a_budget_of_the_volume(self) -> None:
-        for budget in (None, Budget(assumptions={}, shares={"EXX": {"readings": 1.0}}, combined={"EXX": 1.0})):
-            assert not [one for one in conclude(replace(made_result(), budget=budget)).reached if one.key == "reach_largest"]
+        for budget in (
+            None,
+            Budget(assumptions={}, shares={"EXX": {"readings": 1.0}}, combined={"EXX": 1.0}),
+        ):
+            assert not [
+                one
+                for one in conclude(replace(made_result(), budget=budget)).reached
+                if one.key == "reach_largest"
+            ]
 
 
 class TestWhatIsWrong:
     def test_is_ranked_by_what_it_moves_the_tool(self) -> None:
-        """25 urad over 400 mm are 10 µm; they come before 12 µm/m over 500 mm (6 µm) and after a shape of 16 um."""
+        """25 urad over 400 mm are 10 µm; they come before 12 µm/m over 500 mm (6 µm) and after a
+        shape of 16 um."""
         result = replace(made_up_result(amplitude_um=8.0, scales=True), squareness=leaning(25.0))
         ranked = contributions_of(result)
-        assert [one.effect_um for one in ranked] == sorted((one.effect_um for one in ranked), reverse=True)
+        assert [one.effect_um for one in ranked] == sorted(
+            (one.effect_um for one in ranked), reverse=True
+        )
         c0y = next(one for one in ranked if one.name == "C0Y")
         assert c0y.effect_um == pytest.approx(25.0 * 400.0 * 1e-3)
-        assert next(one for one in ranked if one.name == "scale X").effect_um == pytest.approx(12.0 * 500.0 * 1e-3)
+        assert next(one for one in ranked if one.name == "scale X").effect_um == pytest.approx(
+            12.0 * 500.0 * 1e-3
+        )
 
     @pytest.mark.parametrize(("value", "towards"), [(25.0, "−X"), (-25.0, "+X")])
     def test_says_which_way_an_axis_leans(self, value: float, towards: str) -> None:
         """dX = -C0Y y (contract 1): a positive C0Y takes the tool to -X as Y grows."""
-        result = replace(made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False), squareness=leaning(value))
+        result = replace(
+            made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False), squareness=leaning(value)
+        )
         (_, sentence), *_ = conclude(result).wrong
         assert f"C0Y, towards {towards}" in render(sentence, "en")
         assert "Y steht 25,00 µrad schief zu X" in render(sentence, "de")
@@ -110,21 +129,35 @@ class TestWhatIsWrong:
     def test_what_lies_within_its_uncertainty_is_not_wrong(self) -> None:
         """3 urad with u = 2 urad say nothing of the machine."""
         doubtful = {name: Quantity(value=3.0, u=2.0) for name in ("C0Y", "B0Z", "A0Z")}
-        result = replace(made_up_result(amplitude_um=0.0, u_um=0.5, reversal=False), squareness=doubtful)
+        result = replace(
+            made_up_result(amplitude_um=0.0, u_um=0.5, reversal=False), squareness=doubtful
+        )
         assert conclude(result).wrong == ()
 
 
 def leaning(c0y_urad: float) -> dict[str, Quantity]:
     """Return squarenesses of which only Y to X is not zero."""
-    return {"C0Y": Quantity(value=c0y_urad, u=0.2), "B0Z": Quantity(value=0.0, u=0.2), "A0Z": Quantity(value=0.0, u=0.2)}
+    return {
+        "C0Y": Quantity(value=c0y_urad, u=0.2),
+        "B0Z": Quantity(value=0.0, u=0.2),
+        "A0Z": Quantity(value=0.0, u=0.2),
+    }
 
 
 class TestReach:
     def test_is_an_interval_and_rounding_never_narrows_it(self) -> None:
         """1.31 .. 2.64 is written 1.3 to 2.7."""
-        exports = [Export(controller="siemens", reach=reach_of_json(predicted((1.9, 1.31, 2.64), (4.0, 3.0, 6.01))))]
+        exports = [
+            Export(
+                controller="siemens",
+                reach=reach_of_json(predicted((1.9, 1.31, 2.64), (4.0, 3.0, 6.01))),
+            )
+        ]
         words = words_of(conclusion_document(conclude(made_up_result(), exports)), "en")
-        assert words["reached"][1] == "After compensation, predicted: 1.3 to 2.7 µm (rms, k = 2), largest up to 6.1 µm."
+        assert (
+            words["reached"][1]
+            == "After compensation, predicted: 1.3 to 2.7 µm (rms, k = 2), largest up to 6.1 µm."
+        )
 
     def test_a_result_of_version_1_promises_nothing(self) -> None:
         """Without a stated interval the figure is a bound from below, and says so."""
@@ -132,7 +165,14 @@ class TestReach:
         for when in ("before", "after"):
             for figure in document["without_rigid_motion"][when].values():
                 figure["low"] = figure["high"] = None
-        words = words_of(conclusion_document(conclude(made_up_result(), [Export(controller="fanuc", reach=reach_of_json(document))])), "en")
+        words = words_of(
+            conclusion_document(
+                conclude(
+                    made_up_result(), [Export(controller="fanuc", reach=reach_of_json(document))]
+                )
+            ),
+            "en",
+        )
         assert "at best 0.1 µm" in words["reached"][1]
         assert "A new measurement shows the result" in words["reached"][1]
 
@@ -143,20 +183,42 @@ class TestReach:
         assert float(shown[0]) <= low + 1e-6
         assert float(shown[1]) >= low + width - 1e-6
 
-    @given(st.recursive(st.none() | st.floats() | st.text(), lambda inner: st.dictionaries(st.sampled_from(
-        ["without_rigid_motion", "as_it_is", "before", "after", "rms_um", "largest_um", "value", "low", "high"]), inner)))  # fmt: skip
+    @given(
+        st.recursive(
+            st.none() | st.floats() | st.text(),
+            lambda inner: st.dictionaries(
+                st.sampled_from(
+                    [
+                        "without_rigid_motion",
+                        "as_it_is",
+                        "before",
+                        "after",
+                        "rms_um",
+                        "largest_um",
+                        "value",
+                        "low",
+                        "high",
+                    ]
+                ),
+                inner,
+            ),
+        )
+    )
     def test_a_strange_prediction_is_none_rather_than_an_error(self, document: object) -> None:
         """A result of a stranger may hold anything under ``predicted``."""
         assert reach_in(made_up_result(predicted=document)).rms_before.value_um >= 0.0
 
     def test_says_where_files_harm_in_the_words_of_the_export(self, tmp_path: Path) -> None:
-        """The warning of `verify` and export stands beside what compensation reaches, in every language; without one nothing is added."""
+        """The warning of `verify` and export stands beside what compensation reaches, in every
+        language; without one nothing is added."""
         bump = np.where(np.arange(9) == 4, 9.0, 0.0)
         bumped = made_result({"EXX": bump.tolist()}, volume=replace(VOLUME, increments=8))
         written = export(bumped, "siemens", None, step_mm=100.0, out_dir=tmp_path)
         reached = conclude(bumped, [export_of(written)]).reached
         told = [one.text for one in written.findings if one.code == "stretch-worse"]
-        assert [render(one, "en") for one in reached[2:]] == [f"Not everywhere, with the files for siemens: {text}." for text in told]
+        assert [render(one, "en") for one in reached[2:]] == [
+            f"Not everywhere, with the files for siemens: {text}." for text in told
+        ]
         assert len(told) == 2
         german = render(reached[2], "de")
         assert "X -100 bis -50 mm: dort würde die Maschine mit diesen Dateien um" in german
@@ -169,14 +231,25 @@ class TestReach:
 class TestWhatToLoad:
     def test_nothing_before_its_sign_test(self) -> None:
         """The next step is the sign test, and the control is named."""
-        found = conclude(made_up_result(scales=True), [Export(controller="siemens", untested=("EEC", "CEC"))])
-        assert [render(one, "en") for one in found.load] == ["siemens: nothing before its sign test (EEC, CEC)."]
+        found = conclude(
+            made_up_result(scales=True), [Export(controller="siemens", untested=("EEC", "CEC"))]
+        )
+        assert [render(one, "en") for one in found.load] == [
+            "siemens: nothing before its sign test (EEC, CEC)."
+        ]
         assert render(found.next_step, "en").startswith("Make the sign test on siemens")
 
     def test_nothing_while_findings_are_errors(self) -> None:
         """What must be driven again comes before any export."""
-        broken = replace(made_up_result(), findings=(Finding(code="contradiction-ambiguous", severity="error", text="ppp: 5 ppm"),))
-        assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith("Drive again")
+        broken = replace(
+            made_up_result(),
+            findings=(
+                Finding(code="contradiction-ambiguous", severity="error", text="ppp: 5 ppm"),
+            ),
+        )
+        assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith(
+            "Drive again"
+        )
 
     def test_a_refused_export_says_so(self) -> None:
         """Nothing of it is loaded."""
@@ -191,7 +264,8 @@ class TestWhatToLoad:
 
 
 class TestNextStep:
-    """What is last said is what helps: no export, and no reason to be cleared, where a table lacks what was not measured."""
+    """What is last said is what helps: no export, and no reason to be cleared, where a table lacks
+    what was not measured."""
 
     @pytest.mark.parametrize("refused", [True, False])
     @pytest.mark.parametrize(
@@ -202,10 +276,14 @@ class TestNextStep:
             (("ppp", "npp", "pnp", "linear-x"), None),
         ],
     )
-    def test_names_the_runs_that_make_everything_known(self, setups: tuple[str, ...], runs: str | None, *, refused: bool) -> None:
+    def test_names_the_runs_that_make_everything_known(
+        self, setups: tuple[str, ...], runs: str | None, *, refused: bool
+    ) -> None:
         """Whoever drives them besides has all scales, squarenesses and functions."""
         bench = Bench(increments=3)
-        exports = [Export(controller="siemens", refused="squareness.C0Y: found null")] if refused else []
+        exports = (
+            [Export(controller="siemens", refused="squareness.C0Y: found null")] if refused else []
+        )
         found = conclude(solve(bench.survey(setups)), exports)
         assert found.next_step.key == "next_runs"
         named = found.next_step.arguments["runs"].split(", ")
@@ -218,29 +296,46 @@ class TestNextStep:
         assert ("No file may be loaded" in promised[1]) == refused
 
     def test_one_run_where_one_scale_is_known(self) -> None:
-        """The diagonals tell the sum of the scales: beside X one more run, along the shorter axis, tells both others."""
+        """The diagonals tell the sum of the scales: beside X one more run, along the shorter axis,
+        tells both others."""
         bench = Bench(increments=3)
         found = conclude(solve(bench.survey((*DIAGONALS, "linear-x"))))
         assert found.next_step.arguments == {"runs": "linear-z"}
-        assert conclude(solve(bench.survey((*DIAGONALS, "linear-x", "linear-z")))).next_step.key == "next_export"
+        assert (
+            conclude(solve(bench.survey((*DIAGONALS, "linear-x", "linear-z")))).next_step.key
+            == "next_export"
+        )
 
     def test_another_reason_of_a_refusal_comes_first(self) -> None:
         """Without scales a table can be made: what refused it is something else."""
-        found = conclude(made_up_result(), [Export(controller="fanuc", refused="p.toml: no such axis")])
+        found = conclude(
+            made_up_result(), [Export(controller="fanuc", refused="p.toml: no such axis")]
+        )
         assert found.next_step.key == "next_refused"
 
     def test_all_driven_and_yet_unknown_is_driven_again(self) -> None:
         """There is no further run to name."""
         lacking = {**leaning(5.0), "B0Z": Quantity(value=None, u=None)}
-        result = replace(made_up_result(scales=True), squareness=lacking, setups={name: {} for name in DIAGONALS})
+        result = replace(
+            made_up_result(scales=True), squareness=lacking, setups={name: {} for name in DIAGONALS}
+        )
         assert conclude(result).next_step.key == "next_unknown"
 
 
 class TestOnePlace:
-    def test_report_export_report_terminal_and_file_say_the_same_figures(self, tmp_path: Path) -> None:
+    def test_report_export_report_terminal_and_file_say_the_same_figures(
+        self, tmp_path: Path
+    ) -> None:
         """One survey, five places, one pair of digits."""
         result = made_up_result(scales=True)
-        written = export(result, "siemens", None, step_mm=25.0, out_dir=tmp_path / "files", today=date(2026, 1, 1))
+        written = export(
+            result,
+            "siemens",
+            None,
+            step_mm=25.0,
+            out_dir=tmp_path / "files",
+            today=date(2026, 1, 1),
+        )
         exported = exported_of(written)
         assert exported.concluded is not None
         concluded = conclude(result, [exported.concluded])
@@ -249,7 +344,9 @@ class TestOnePlace:
         after = re.search(r"at best ([\d.]+) µm", words["reached"][1])
         assert after is not None
         assert after[1] in build_report(result, source="r", exported=[exported]).html
-        line = next(line for line in written.text.splitlines() if "without rigid motion, after" in line)
+        line = next(
+            line for line in written.text.splitlines() if "without rigid motion, after" in line
+        )
         assert f" {after[1]} or more" in line
         (tmp_path / "result.json").write_text(result.to_json(), encoding="utf-8")
         told = stepdiag("verify", tmp_path / "result.json", tmp_path / "files").out
@@ -258,18 +355,39 @@ class TestOnePlace:
     def test_no_factor_anywhere(self, tmp_path: Path) -> None:
         """A factor with decimals is a promise that nothing covers."""
         result = made_up_result(scales=True)
-        written = export(result, "siemens", None, step_mm=25.0, out_dir=tmp_path / "files", today=date(2026, 1, 1))
+        written = export(
+            result,
+            "siemens",
+            None,
+            step_mm=25.0,
+            out_dir=tmp_path / "files",
+            today=date(2026, 1, 1),
+        )
         (tmp_path / "result.json").write_text(result.to_json(), encoding="utf-8")
         told = stepdiag("verify", tmp_path / "result.json", tmp_path / "files").out
-        everything = written.text + build_report(result, source="r", exported=[exported_of(written)]).html + told
+        everything = (
+            written.text
+            + build_report(result, source="r", exported=[exported_of(written)]).html
+            + told
+        )
         assert not re.search(r"factor (of )?\d|\d x\b|improvement", everything)
 
-    @pytest.mark.parametrize("result", [made_up_result(), made_up_result(scales=True, angles=True)], ids=["four diagonals", "all"])
+    @pytest.mark.parametrize(
+        "result",
+        [made_up_result(), made_up_result(scales=True, angles=True)],
+        ids=["four diagonals", "all"],
+    )
     def test_every_sentence_reads_in_every_language(self, result: Result) -> None:
         """No placeholder is left, German writes its comma, English its point."""
-        document = json.loads(conclusion_json(conclude(result, [Export(controller="siemens", untested=("EEC",))])))
+        document = json.loads(
+            conclusion_json(conclude(result, [Export(controller="siemens", untested=("EEC",))]))
+        )
         for language in LANGUAGES:
-            text = " ".join(sentence for section in words_of(document, language).values() for sentence in section)
+            text = " ".join(
+                sentence
+                for section in words_of(document, language).values()
+                for sentence in section
+            )
             assert "{" not in text
             assert not re.search(r"\d\.\d" if language == "de" else r"\d,\d", text)
 
@@ -286,14 +404,24 @@ class TestBasis:
     """What tables and U rest on is said where they are read, and only what the result says."""
 
     SCALES: ClassVar = {axis: {"value": 3.2, "u": 1.5, "unit": "um/m"} for axis in "XYZ"}
-    LENGTHS: ClassVar = {"tables": "as_measured", "material_c": [23.4] * 3, "as_measured": SCALES, "at_20_c": SCALES}
+    LENGTHS: ClassVar = {
+        "tables": "as_measured",
+        "material_c": [23.4] * 3,
+        "as_measured": SCALES,
+        "at_20_c": SCALES,
+    }
 
     def said(self, language="en", **extra):
-        return words_of(conclusion_document(conclude(replace(made_up_result(), **members(**extra)))), language)["basis"]
+        return words_of(
+            conclusion_document(conclude(replace(made_up_result(), **members(**extra)))), language
+        )["basis"]
 
     def test_which_lengths_the_tables_correct(self) -> None:
         (text,) = self.said(lengths=self.LENGTHS)
-        assert text.startswith("Lengths are as measured, at 23.40 °C, and the tables correct those: scales X +3.2 ± 3.0")
+        assert text.startswith(
+            "Lengths are as measured, at 23.40 °C, and the tables correct those: scales X +3.2 ± "
+            "3.0"
+        )
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
         assert text.startswith("Lengths are brought from 23.40 °C to 20 °C")
         (text,) = self.said(lengths={**self.LENGTHS, "material_c": None})
@@ -336,13 +464,21 @@ class TestBasis:
 
 
 class TestWhatWasNotMeasured:
-    """An interval that is wide for what nobody measured says so: it is no spread of the readings."""
+    """An interval that is wide for what nobody measured says so: it is no spread of the
+    readings."""
 
     SAID = "The interval is wide for this reason"
 
-    @pytest.mark.parametrize(("setups", "said"), [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)])
-    def test_makes_the_interval_wide_and_that_is_said(self, setups: tuple[str, ...], said: bool) -> None:
-        unknown = [render(each, "en") for each in conclude(solve(Bench(increments=4).survey(setups))).unknown]
+    @pytest.mark.parametrize(
+        ("setups", "said"), [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)]
+    )
+    def test_makes_the_interval_wide_and_that_is_said(
+        self, setups: tuple[str, ...], said: bool
+    ) -> None:
+        unknown = [
+            render(each, "en")
+            for each in conclude(solve(Bench(increments=4).survey(setups))).unknown
+        ]
         assert any(self.SAID in one for one in unknown) is said
 
     def test_is_said_of_no_interval_that_is_not_there(self) -> None:
@@ -351,12 +487,26 @@ class TestWhatWasNotMeasured:
 
 
 class TestUnseenSlip:
-    SLIP: ClassVar[dict[str, Any]] = {"setup": "npp", "pass": 1, "stop": 4, "half_um": 2.5, "nearly_um": 4.0, "volume_um": 1.2}
+    SLIP: ClassVar[dict[str, Any]] = {
+        "setup": "npp",
+        "pass": 1,
+        "stop": 4,
+        "half_um": 2.5,
+        "nearly_um": 4.0,
+        "volume_um": 1.2,
+    }
 
     def said(self, **changed: Any) -> list[str]:
         slip = {**self.SLIP, **changed}
-        extra = {"unseen_slip": {"diagonals": slip}, "predicted": predicted((1.9, 1.3, 2.7), (4.0, 3.0, 6.0))}
-        return [render(each, "en") for each in conclude(replace(made_up_result(), **members(**extra))).unknown if "slip" in each.key]
+        extra = {
+            "unseen_slip": {"diagonals": slip},
+            "predicted": predicted((1.9, 1.3, 2.7), (4.0, 3.0, 6.0)),
+        }
+        return [
+            render(each, "en")
+            for each in conclude(replace(made_up_result(), **members(**extra))).unknown
+            if "slip" in each.key
+        ]
 
     def test_is_said_with_the_sizes_that_are_noticed(self) -> None:
         (words,) = self.said()
@@ -364,7 +514,8 @@ class TestUnseenSlip:
         assert "4.0 µm are nearly always noticed (95 %)" in words
 
     def test_is_said_with_its_passes_where_it_makes_more_than_the_readings_do(self) -> None:
-        """0.5 µm of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has that and not the slip."""
+        """0.5 µm of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has
+        that and not the slip."""
         slip, passes = self.said(volume_um=0.5, readings_um=0.2, passes=["npp/1", "ppp/2"])
         assert "2.5 µm in npp/1/4" in slip
         assert "No stated uncertainty counts such a slip. Unnoticed in npp/1, ppp/2" in passes
@@ -375,10 +526,17 @@ class TestUnseenSlip:
     def test_never_goes_away_when_readings_get_noisier_and_makes_no_uncertainty_smaller(
         self, increments: int, passes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """With readings to 1 µm of four passes on one count 6 µm went unsaid, that are noticed in half of the surveys."""
+        """With readings to 1 µm of four passes on one count 6 µm went unsaid, that are noticed in
+        half of the surveys."""
         sizes = []
         for noise_um in (0.05, 0.2, 1.0, 5.0):
-            bench = Bench(seed=3, increments=increments, diagonal_noise_um=noise_um, linear_noise_um=noise_um, angle_urad=2.0)
+            bench = Bench(
+                seed=3,
+                increments=increments,
+                diagonal_noise_um=noise_um,
+                linear_noise_um=noise_um,
+                angle_urad=2.0,
+            )
             readings = bench.survey((*DIAGONALS, *LINEAR), passes=passes, joined=len(passes) > 1)
             result = solve(readings)
             assert "unknown_slip" in {each.key for each in conclude(result).unknown}
@@ -390,7 +548,9 @@ class TestUnseenSlip:
         for each in ("errors", "squareness", "scale"):
             told, alone = getattr(result, each), getattr(without, each)
             known = [name for name in alone if alone[name].u is not None]
-            assert all(np.all(np.asarray(told[name].u) >= np.asarray(alone[name].u)) for name in known)
+            assert all(
+                np.all(np.asarray(told[name].u) >= np.asarray(alone[name].u)) for name in known
+            )
 
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)

@@ -10,7 +10,15 @@ from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Judged
 from stepdiag.base.result.result import Result
-from stepdiag.conclusion import Export, Reach, conclude, conclusion_document, conclusion_json, judged_in, words_of
+from stepdiag.conclusion import (
+    Export,
+    Reach,
+    conclude,
+    conclusion_document,
+    conclusion_json,
+    judged_in,
+    words_of,
+)
 from stepdiag.conclusion.verdict import probability_words
 from stepdiag.daq.survey.assumed import parse_tolerance
 from stepdiag.daq.survey.file import parse_survey
@@ -44,11 +52,19 @@ def test_printed_interval_is_that_of_the_reach(judged: Result) -> None:
 
 
 def test_files_of_an_export_decide_what_is_predicted(judged: Result) -> None:
-    small, large = (Interval(value_um=v, low_um=0.9 * v, high_um=1.1 * v, within=float(v < 1)) for v in (0.5, 2.0))
+    small, large = (
+        Interval(value_um=v, low_um=0.9 * v, high_um=1.1 * v, within=float(v < 1))
+        for v in (0.5, 2.0)
+    )
     reach = Reach(rms_before=large, largest_before=large, rms_after=small, largest_after=small)
     assert [one.verdict for one in judged_in(judged, reach).predicted] == ["conform"]
-    assert [one.verdict for one in judged_in(judged, replace(reach, rms_after=large)).predicted] == ["not_conform"]
-    assert conclude(judged, [Export(controller="siemens", reach=reach)]).verdict[-1].arguments["limit"] == "1"
+    assert [
+        one.verdict for one in judged_in(judged, replace(reach, rms_after=large)).predicted
+    ] == ["not_conform"]
+    assert (
+        conclude(judged, [Export(controller="siemens", reach=reach)]).verdict[-1].arguments["limit"]
+        == "1"
+    )
 
 
 def test_without_a_tolerance_there_is_no_word_of_it() -> None:
@@ -63,12 +79,28 @@ def test_probability_is_no_surer_than_draws(p: float, words: str) -> None:
 
 def test_tolerance_of_the_template_is_that_of_a_file() -> None:
     """Switching the section on states every tolerance; as the template stands it states none."""
-    assert parse_survey(template().replace('compensation = "?"', 'compensation = "off"'), "s").tolerance.by_quantity() == {}
-    section = template()[template().index("#[tolerance]") : template().index("# Compensation files to be written")]
-    switched = "\n".join(line.removeprefix("#") if line.startswith("#") and line[1] != " " else line for line in section.splitlines())
+    assert (
+        parse_survey(
+            template().replace('compensation = "?"', 'compensation = "off"'), "s"
+        ).tolerance.by_quantity()
+        == {}
+    )
+    section = template()[
+        template().index("#[tolerance]") : template().index("# Compensation files to be written")
+    ]
+    switched = "\n".join(
+        line.removeprefix("#") if line.startswith("#") and line[1] != " " else line
+        for line in section.splitlines()
+    )
     assert set(parse_tolerance(switched, "t")) == {
-        "volumetric_rms_um", "volumetric_largest_um", "squareness_urad", "positioning_e_um", "positioning_a_um", "EYX", "EBX",
-    }  # fmt: skip
+        "volumetric_rms_um",
+        "volumetric_largest_um",
+        "squareness_urad",
+        "positioning_e_um",
+        "positioning_a_um",
+        "EYX",
+        "EBX",
+    }
 
 
 def test_message_of_a_result_holds_every_judged_figure(judged: Result, tmp_path: Path) -> None:
@@ -83,4 +115,9 @@ def test_message_of_a_result_holds_every_judged_figure(judged: Result, tmp_path:
 
 def test_evaluation_of_opc_ua_follows_the_verdict() -> None:
     station = pytest.importorskip("stepdiag.publish.station")
-    assert station.EVALUATED == {"": "Undefined", "conform": "OK", "not_conform": "NotOK", "not_decidable": "NotDecidable"}
+    assert station.EVALUATED == {
+        "": "Undefined",
+        "conform": "OK",
+        "not_conform": "NotOK",
+        "not_decidable": "NotDecidable",
+    }

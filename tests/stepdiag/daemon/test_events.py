@@ -15,14 +15,31 @@ LOGS = frozenset({"_log", "log"})
 
 def documented() -> set[str]:
     """Return the events of docs/events.md."""
-    return set(re.findall(r"^\| `([a-z-]+)` \|", (ROOT / "docs" / "events.md").read_text(encoding="utf-8"), re.MULTILINE))
+    return set(
+        re.findall(
+            r"^\| `([a-z-]+)` \|",
+            (ROOT / "docs" / "events.md").read_text(encoding="utf-8"),
+            re.MULTILINE,
+        )
+    )
 
 
 def said() -> Iterator[str]:
-    """Yield every event that is written out in a call of a logger; of a link's states, those that are put together."""
-    for path in (path for folder in ("daq", "stepdiag") for path in sorted((ROOT / folder).rglob("*.py")) if "virtual" not in path.parts):
+    """Yield every event that is written out in a call of a logger; of a link's states, those that
+    are put together."""
+    for path in (
+        path
+        for folder in ("daq", "stepdiag")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if "virtual" not in path.parts
+    ):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(call, ast.Call) and _logs(call.func) and call.args and isinstance(call.args[0], ast.Constant):
+            if (
+                isinstance(call, ast.Call)
+                and _logs(call.func)
+                and call.args
+                and isinstance(call.args[0], ast.Constant)
+            ):
                 yield call.args[0].value
     yield from (f"link-{state}" for state in LinkState.__args__)
 

@@ -32,14 +32,20 @@ def test_every_folder_on_the_way_to_the_python_is_named(homes: Path) -> None:
 
 
 def test_of_a_link_on_the_way_its_folder_alone_is_seen(homes: Path) -> None:
-    """~/.local/bin/python3.11, which uv makes; ~/.local/share holds what other programs keep, keys among it."""
+    """~/.local/bin/python3.11, which uv makes; ~/.local/share holds what other programs keep, keys
+    among it."""
     (homes / "local/bin").mkdir(parents=True)
     (homes / "local/share/keyrings").mkdir(parents=True)
     (homes / "local/bin/python3.11").symlink_to("../../share/cpython-3.11/bin/python3.11")
     (homes / "venv/bin/python").unlink()
     (homes / "venv/bin/python").symlink_to(homes / "local/bin/python3.11")
     places = [place.relative_to(homes) for place in places_of_program() if homes in place.parents]
-    assert list(map(str, places)) == ["local/bin", "share/cpython-3.11", "share/cpython-3.11.9", "venv"]
+    assert list(map(str, places)) == [
+        "local/bin",
+        "share/cpython-3.11",
+        "share/cpython-3.11.9",
+        "venv",
+    ]
 
 
 @pytest.mark.parametrize("home", ["/root", "/home/a", "/run/user/1000", "/home"])
@@ -56,7 +62,9 @@ def test_the_systems_python_is_seen_anyway(homes: Path, monkeypatch: pytest.Monk
     assert homes / "venv" in places_of_program()
 
 
-def test_the_whole_disk_is_no_place_of_the_program(homes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_whole_disk_is_no_place_of_the_program(
+    homes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """/bin/python3 is the system's Python by another way."""
     monkeypatch.setattr(sys, "base_prefix", "/usr")
     (homes / "venv/bin/python").unlink()
@@ -70,7 +78,10 @@ def test_the_packaged_unit_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> 
     assert at_its_places(UNIT, [Path("/opt/stepdiag")], reachable=False) == UNIT
 
 
-@pytest.mark.parametrize(("place", "homes_are"), [("/root/.venv", "tmpfs"), ("/home/a/tools", "tmpfs"), ("/srv/rooted", "yes")])
+@pytest.mark.parametrize(
+    ("place", "homes_are"),
+    [("/root/.venv", "tmpfs"), ("/home/a/tools", "tmpfs"), ("/srv/rooted", "yes")],
+)
 def test_a_home_is_seen_where_the_program_stands_in_one(place: str, homes_are: str) -> None:
     """And nowhere else."""
     unit = at_its_places(UNIT, [Path(place)], reachable=False)
@@ -78,7 +89,9 @@ def test_a_home_is_seen_where_the_program_stands_in_one(place: str, homes_are: s
     assert f"\nProtectHome={homes_are}\n" in unit
 
 
-@pytest.mark.parametrize("place", ["/srv/two words", "/srv/%h", "/srv/a\nExecStart=x", "/srv/ä", "/srv/a:b"])
+@pytest.mark.parametrize(
+    "place", ["/srv/two words", "/srv/%h", "/srv/a\nExecStart=x", "/srv/ä", "/srv/a:b"]
+)
 def test_a_place_that_a_unit_would_take_for_something_else_is_refused(place: str) -> None:
     with pytest.raises(UsageError, match="install the wheel into /opt/stepdiag"):
         at_its_places(UNIT, [Path(place)], reachable=False)

@@ -1,4 +1,5 @@
-"""`stepdiag publish` as a service: what is written, to whom it opens a way, and what is taken away again."""
+"""`stepdiag publish` as a service: what is written, to whom it opens a way, and what is taken away
+again."""
 
 import subprocess
 from pathlib import Path
@@ -20,18 +21,28 @@ def root(tmp_path: Path) -> Path:
 
 
 def lines(root: Path, key: str) -> list[str]:
-    return [line.partition("=")[2] for line in (root / DROP_IN).read_text().splitlines() if line.startswith(f"{key}=")]
+    return [
+        line.partition("=")[2]
+        for line in (root / DROP_IN).read_text().splitlines()
+        if line.startswith(f"{key}=")
+    ]
 
 
 def test_the_broker_alone_is_reached_and_secrets_are_credentials(root: Path) -> None:
     for secret in ("mqtt-user", "mqtt-password", "opcua-key"):
         (root / f"etc/stepdiag/mill.{secret}").write_text("not-to-be-guessed")
     told = service("publish", root, *BROKER)
-    assert all(f"credential {each}: mill.{each} found" in told for each in ("mqtt-user", "mqtt-password"))
+    assert all(
+        f"credential {each}: mill.{each} found" in told for each in ("mqtt-user", "mqtt-password")
+    )
     assert lines(root, "IPAddressAllow") == ["", "localhost", "192.168.4.30"]
     assert lines(root, "SocketBindAllow") == []
-    assert lines(root, "Environment") == ['PUBLISH="--broker 192.168.4.30:8883 --ca /etc/stepdiag/works.pem"']
-    assert lines(root, "LoadCredential") == [f"{each}:/etc/stepdiag/mill.{each}" for each in ("mqtt-user", "mqtt-password")]
+    assert lines(root, "Environment") == [
+        'PUBLISH="--broker 192.168.4.30:8883 --ca /etc/stepdiag/works.pem"'
+    ]
+    assert lines(root, "LoadCredential") == [
+        f"{each}:/etc/stepdiag/mill.{each}" for each in ("mqtt-user", "mqtt-password")
+    ]
     assert "not-to-be-guessed" not in (root / DROP_IN).read_text() + (root / UNIT).read_text()
 
 
@@ -40,7 +51,11 @@ def test_the_broker_alone_is_reached_and_secrets_are_credentials(root: Path) -> 
     [
         (("--broker", "broker.works"), NETWORKS, []),
         (("--broker", "127.0.0.1", "--plain"), [], []),
-        (("--opcua", "192.168.4.2", "--certificate", "/etc/stepdiag/server.pem"), NETWORKS, ["tcp:4840"]),
+        (
+            ("--opcua", "192.168.4.2", "--certificate", "/etc/stepdiag/server.pem"),
+            NETWORKS,
+            ["tcp:4840"],
+        ),
         (("--opcua", "127.0.0.1:4900", "--plain"), [], ["tcp:4900"]),
     ],
 )
@@ -53,7 +68,9 @@ def test_a_name_or_a_server_is_opened_to_private_networks(
 
 
 def test_absent_secrets_are_said(root: Path) -> None:
-    told = service("publish", root, "--opcua", "127.0.0.1", "--certificate", "/etc/stepdiag/server.pem")
+    told = service(
+        "publish", root, "--opcua", "127.0.0.1", "--certificate", "/etc/stepdiag/server.pem"
+    )
     for each in ("opcua-user", "opcua-password", "opcua-key"):
         assert f"credential {each}: mill.{each} is not there" in told
     assert lines(root, "LoadCredential") == []
@@ -63,7 +80,11 @@ def test_absent_secrets_are_said(root: Path) -> None:
 @pytest.mark.parametrize("kind", ["mqtt", "opcua"])
 def test_user_and_password_go_together(root: Path, kind: str, alone: str) -> None:
     (root / f"etc/stepdiag/mill.{kind}-{alone}").write_text("x")
-    way = ("--broker", "127.0.0.1", "--plain") if kind == "mqtt" else ("--opcua", "127.0.0.1", "--plain")
+    way = (
+        ("--broker", "127.0.0.1", "--plain")
+        if kind == "mqtt"
+        else ("--opcua", "127.0.0.1", "--plain")
+    )
     told = stepdiag("service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *way)
     assert (told.code, f"mill.{kind}-{alone} alone" in told.refusal) == (2, True), told
     assert not (root / UNIT).exists()
@@ -98,7 +119,10 @@ def test_it_goes_by_itself_or_with_its_survey(root: Path) -> None:
     service("remove", root)
     assert not (root / DROP_IN).exists()
     service("remove", root, name="lathe")
-    assert set(written(root)) == {f"etc/stepdiag/{each}" for each in ("mill.toml", "lathe.toml", "mill.mqtt-user", "mill.mqtt-password")}
+    assert set(written(root)) == {
+        f"etc/stepdiag/{each}"
+        for each in ("mill.toml", "lathe.toml", "mill.mqtt-user", "mill.mqtt-password")
+    }
     assert "nothing to do" in service("publish", root, "--remove")
 
 
@@ -130,7 +154,14 @@ def test_a_survey_elsewhere_is_refused_with_the_way(root: Path) -> None:
 def test_systemd_finds_nothing_wrong_with_what_is_written(root: Path) -> None:
     service("publish", root, *BROKER)
     done = subprocess.run(
-        ["systemd-analyze", "verify", "stepdiag-publish@mill.service"], capture_output=True, text=True, timeout=60, check=False,
-        env={"SYSTEMD_UNIT_PATH": f"{root}/etc/systemd/system:/lib/systemd/system", "PATH": "/usr/bin:/bin"},
-    )  # fmt: skip
+        ["systemd-analyze", "verify", "stepdiag-publish@mill.service"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={
+            "SYSTEMD_UNIT_PATH": f"{root}/etc/systemd/system:/lib/systemd/system",
+            "PATH": "/usr/bin:/bin",
+        },
+    )
     assert (done.returncode, done.stderr) == (0, "")

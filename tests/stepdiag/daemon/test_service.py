@@ -18,7 +18,9 @@ def test_a_second_daemon_on_a_survey_is_refused_for_the_folder_and_not_for_the_p
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         listener.listen()
-        survey.write_text(survey_text() + f"[page]\nport = {listener.getsockname()[1]}\n", encoding="utf-8")
+        survey.write_text(
+            survey_text() + f"[page]\nport = {listener.getsockname()[1]}\n", encoding="utf-8"
+        )
         lock = FolderLock.take(load_survey(survey).folder(survey))
         try:
             with pytest.raises(UsageError, match="no other daemon in this folder"):

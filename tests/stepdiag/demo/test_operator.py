@@ -1,4 +1,5 @@
-"""The person at the control of the demo: one setup after the other, then what the survey still lacks, and not for ever."""
+"""The person at the control of the demo: one setup after the other, then what the survey still
+lacks, and not for ever."""
 
 import json
 from dataclasses import dataclass, field
@@ -38,7 +39,9 @@ def lacking(monkeypatch: pytest.MonkeyPatch, *setups: str) -> None:
     monkeypatch.setattr(
         module,
         "standing_of",
-        lambda _: SimpleNamespace(next_setup=answers.pop(0) if len(answers) > 1 else answers[0], doubts=standing.doubts),
+        lambda _: SimpleNamespace(
+            next_setup=answers.pop(0) if len(answers) > 1 else answers[0], doubts=standing.doubts
+        ),
     )
 
 
@@ -49,7 +52,9 @@ def turns(operator: Operator, count: int, silent_s: float = SETTLED_S + 1.0) -> 
         operator.start(silent_s)
 
 
-def test_what_the_survey_lacks_is_driven_again_until_it_lacks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_survey_lacks_is_driven_again_until_it_lacks_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     hall = Hall()
     lacking(monkeypatch, "npp", "linear-x", "")
     turns(Operator(hall, Path("survey.toml")), 30)  # type: ignore[arg-type]
@@ -63,7 +68,9 @@ def test_the_daemon_has_time_to_say_what_it_lacks(monkeypatch: pytest.MonkeyPatc
     assert hall.told == ["start"] * len(SETUPS)
 
 
-def test_a_survey_that_stays_open_is_refused_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_survey_that_stays_open_is_refused_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     hall = Hall()
     lacking(monkeypatch, "npp")
     with pytest.raises(DataError, match="stop 3 is doubted"):

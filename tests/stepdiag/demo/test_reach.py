@@ -1,4 +1,5 @@
-"""What each form of compensation reaches on the demo's machine, by files that virtual controls load: the table of `stepdiag demo`."""
+"""What each form of compensation reaches on the demo's machine, by files that virtual controls
+load: the table of `stepdiag demo`."""
 
 from pathlib import Path
 
@@ -8,7 +9,14 @@ import pytest
 from stepdiag.base.result.result import DISPLACEMENTS, Result
 from stepdiag.base.volume import Volume
 from stepdiag.demo.demo import Figures, verify
-from stepdiag.demo.files import INCREMENTS, SIZE_MM, U_ANGLE_URAD, write_angles, write_bench, write_profiles
+from stepdiag.demo.files import (
+    INCREMENTS,
+    SIZE_MM,
+    U_ANGLE_URAD,
+    write_angles,
+    write_bench,
+    write_profiles,
+)
 from stepdiag.demo.reach import FORMS, exported
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
@@ -22,15 +30,21 @@ VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE_MM, increments=INCREMENT
 
 
 def surveyed(folder: Path, bench: Path) -> Result:
-    """Return what a good survey finds: the truth at the stops, and the angles of the demo's autocollimator."""
+    """Return what a good survey finds: the truth at the stops, and the angles of the demo's
+    autocollimator."""
     truth = build_machine(read_config(bench)).truth(INCREMENTS)
-    angles = {name: known.value_urad for name, known in parse_angles((folder / "angles.csv").read_text(encoding="utf-8")).items()}
+    angles = {
+        name: known.value_urad
+        for name, known in parse_angles((folder / "angles.csv").read_text(encoding="utf-8")).items()
+    }
     errors = {name: truth.errors[name] for name in DISPLACEMENTS}
     return made_result(errors, squareness=truth.squareness_urad, angles=angles, volume=VOLUME)
 
 
 @pytest.fixture(scope="module", params=[1, 2])
-def reached(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Figures]:
+def reached(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Figures]:
     folder = tmp_path_factory.mktemp("demo")
     bench = write_bench(folder, request.param)
     write_angles(folder, bench, request.param)
@@ -38,14 +52,27 @@ def reached(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     result = surveyed(folder, bench)
     found = {"nothing": verify(bench, None, ())}
     for name in ("siemens", "fanuc"):
-        report = export(result, name, load_profile(folder / f"{name}.toml", controller_named(name), VOLUME), out_dir=folder / name)
-        acting = [folder / name / each for each in report.files if "_RESTORE" not in each and each.endswith((".INI", ".TXT"))]
+        report = export(
+            result,
+            name,
+            load_profile(folder / f"{name}.toml", controller_named(name), VOLUME),
+            out_dir=folder / name,
+        )
+        acting = [
+            folder / name / each
+            for each in report.files
+            if "_RESTORE" not in each and each.endswith((".INI", ".TXT"))
+        ]
         found[name] = verify(bench, name, acting)
-    return found | {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
+    return found | {
+        form.name: verify(bench, form.control, files)
+        for form, files in exported(folder / "reach", result)
+    }
 
 
 def test_each_form_reaches_what_it_can_hold(reached: dict[str, Figures]) -> None:
-    """From nothing over pitch tables, straightness lines, nine fitted tables and eight with products to the whole field."""
+    """From nothing over pitch tables, straightness lines, nine fitted tables and eight with
+    products to the whole field."""
     pitch, straight, few, products, *columns, whole = (reached[form.name].rms_um for form in FORMS)
     nine, nothing = reached["siemens"].rms_um, reached["nothing"].rms_um
     assert nothing > pitch > straight > nine > products

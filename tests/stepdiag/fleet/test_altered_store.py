@@ -1,4 +1,5 @@
-"""A store that another hand altered: every file of it is read within its limit, and refused by its name."""
+"""A store that another hand altered: every file of it is read within its limit, and refused by its
+name."""
 
 import json
 import subprocess
@@ -26,7 +27,10 @@ from testkit.forgeries import flipped, listed_anew
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["files", "format", "result.json", "x.mcap"]), inner),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["files", "format", "result.json", "x.mcap"]), inner)
+    ),
     max_leaves=8,
 )
 
@@ -51,9 +55,12 @@ def store(tmp_path: Path) -> Store:
 
 
 def rows(count: int, **columns: pa.Array) -> pa.Table:
-    """Return a table of ``count`` equal rows that is small as a file; ``columns`` stand in place of its own."""
+    """Return a table of ``count`` equal rows that is small as a file; ``columns`` stand in place of
+    its own."""
     plain = {
-        field.name: pa.DictionaryArray.from_arrays(pa.array(np.zeros(count, dtype=np.int32)), pa.array(["um"]))
+        field.name: pa.DictionaryArray.from_arrays(
+            pa.array(np.zeros(count, dtype=np.int32)), pa.array(["um"])
+        )
         if isinstance(field.type, pa.DictionaryType)
         else pa.array(np.zeros(count, dtype=np.int64)).cast(field.type)
         for field in tables.SCHEMA
@@ -69,7 +76,8 @@ def read_everything(address: str) -> None:
 
 
 def replace_table(store: Store, data: bytes) -> Path:
-    """Put other bytes in place of the first survey's numbers, and their hash into the list of its files."""
+    """Put other bytes in place of the first survey's numbers, and their hash into the list of its
+    files."""
     place = store.tables()[0]
     path = Path(store.path(place.table))
     path.write_bytes(data)
@@ -79,9 +87,20 @@ def replace_table(store: Store, data: bytes) -> Path:
 
 class TestManifest:
     @pytest.mark.parametrize(
-        "altered", ["[]", "{}", '{"files": []}', '{"files": {"result.json": 7}}', '{"files": "x"}', "[" * 100_000, "7"]
+        "altered",
+        [
+            "[]",
+            "{}",
+            '{"files": []}',
+            '{"files": {"result.json": 7}}',
+            '{"files": "x"}',
+            "[" * 100_000,
+            "7",
+        ],
     )
-    def test_an_altered_list_of_files_is_named(self, survey: Path, filled: Store, altered: str) -> None:
+    def test_an_altered_list_of_files_is_named(
+        self, survey: Path, filled: Store, altered: str
+    ) -> None:
         place = filled.tables()[0]
         path = Path(filled.path(f"{place.folder}/{LISTED}"))
         whole = path.read_bytes()
@@ -96,7 +115,9 @@ class TestManifest:
 
     @few(40)
     @given(JSON)
-    def test_whatever_stands_in_it_is_no_traceback(self, survey: Path, filled: Store, altered: object) -> None:
+    def test_whatever_stands_in_it_is_no_traceback(
+        self, survey: Path, filled: Store, altered: object
+    ) -> None:
         place = filled.tables()[0]
         path = Path(filled.path(f"{place.folder}/{LISTED}"))
         whole = path.read_bytes()
@@ -124,7 +145,9 @@ def test_tolerances_are_held_against_the_hash_beside_them(store: Store) -> None:
     """As ``sha256sum`` writes it; without one they count as they stand."""
     file = Path(store.path(FILE))
     file.write_text("[all]\nvolumetric-rms = 15.0\n", encoding="utf-8")
-    hashed = subprocess.run(["sha256sum", FILE], cwd=file.parent, capture_output=True, check=True).stdout
+    hashed = subprocess.run(
+        ["sha256sum", FILE], cwd=file.parent, capture_output=True, check=True
+    ).stdout
     file.with_name(f"{FILE}.sha256").write_bytes(hashed)
     assert tolerances_in(store).of("a", "volumetric-rms") == 15.0
     rng = np.random.default_rng(4)
@@ -137,7 +160,8 @@ def test_tolerances_are_held_against_the_hash_beside_them(store: Store) -> None:
 class TestLimits:
     @pytest.mark.parametrize("name", [MARK, FILE, INDEX, "table"])
     def test_no_file_is_read_beyond_its_limit(self, store: Store, name: str) -> None:
-        """A file with a hole of 10 GB takes no room on the disk, and would take all of the memory."""
+        """A file with a hole of 10 GB takes no room on the disk, and would take all of the
+        memory."""
         refresh_index(store, most_loose=0)
         if name == "table":
             Path(store.path(INDEX)).unlink()
@@ -152,7 +176,9 @@ class TestLimits:
         finally:
             tracemalloc.stop()
 
-    def test_a_small_file_of_millions_of_rows_is_refused_before_it_is_unpacked(self, store: Store) -> None:
+    def test_a_small_file_of_millions_of_rows_is_refused_before_it_is_unpacked(
+        self, store: Store
+    ) -> None:
         path = replace_table(store, to_parquet(rows(12_000_000)))
         assert path.stat().st_size < 2_000_000
         code = f"""
@@ -165,17 +191,23 @@ before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 assert "12000000 rows" in str(left.why)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
         assert int(done.stdout) < 100_000, "kilobytes beside the libraries"
 
-    def test_a_small_file_of_one_long_text_is_refused_before_it_is_unpacked(self, store: Store) -> None:
+    def test_a_small_file_of_one_long_text_is_refused_before_it_is_unpacked(
+        self, store: Store
+    ) -> None:
         long = pa.array(["x" * 100_000_000])
         path = replace_table(store, to_parquet(rows(1, conditions=long)))
         assert path.stat().st_size < 1_000_000
         with pytest.raises(DataError, match="at most"):
             series_of(store)
 
-    def test_an_index_holds_as_much_as_its_surveys_have(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_an_index_holds_as_much_as_its_surveys_have(
+        self, store: Store, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         monkeypatch.setattr(tables, "MOST_ROWS", 1)
         monkeypatch.setattr(tables, "MOST_POINTS_A_SURVEY", 1)
         assert refresh_index(store, most_loose=0) == 2
@@ -205,7 +237,9 @@ class TestColumns:
         ],
     )
     @pytest.mark.parametrize("indexed", [False, True])
-    def test_a_value_that_no_survey_has_is_named_with_its_file(self, store: Store, columns: dict[str, pa.Array], *, indexed: bool) -> None:
+    def test_a_value_that_no_survey_has_is_named_with_its_file(
+        self, store: Store, columns: dict[str, pa.Array], *, indexed: bool
+    ) -> None:
         table = rows(1, **columns)
         if indexed:
             refresh_index(store, most_loose=0)

@@ -1,4 +1,5 @@
-"""The archive: what is in it is whole, once, and readable by others; whatever goes wrong leaves nothing half-written."""
+"""The archive: what is in it is whole, once, and readable by others; whatever goes wrong leaves
+nothing half-written."""
 
 import errno
 import hashlib
@@ -45,10 +46,17 @@ def test_others_read_the_numbers_without_us(survey: Path, store: Store) -> None:
     """A reader of Parquet from outside, by the names of folders and columns alone."""
     added = add(survey, store)
     result = parse_result((survey / "result.json").read_text(encoding="utf-8"))
-    table = pa.concat_tables(pq.read_table(path, partitioning=None) for path in Path(store.root).glob("machine=*/year=*/*.parquet"))
+    table = pa.concat_tables(
+        pq.read_table(path, partitioning=None)
+        for path in Path(store.root).glob("machine=*/year=*/*.parquet")
+    )
     rows = sorted(
         (
-            (each["machine"], each["time"].year, *(each[name] for name in ("position_mm", "value", "u", "k", "unit", "event")))
+            (
+                each["machine"],
+                each["time"].year,
+                *(each[name] for name in ("position_mm", "value", "u", "k", "unit", "event")),
+            )
             for each in table.to_pylist()
             if each["quantity"] == "EXX"
         ),
@@ -60,13 +68,19 @@ def test_others_read_the_numbers_without_us(survey: Path, store: Store) -> None:
     assert rows[0][1] == int(added.place.year)
 
 
-def test_every_file_is_there_with_its_hash_and_the_logs_replay(survey: Path, store: Store, tmp_path: Path) -> None:
+def test_every_file_is_there_with_its_hash_and_the_logs_replay(
+    survey: Path, store: Store, tmp_path: Path
+) -> None:
     added = add(survey, store)
     folder = Path(store.root) / added.place.folder
     listed = json.loads((folder / LISTED).read_text(encoding="utf-8"))["files"]
     assert {"result.json", "readings.csv", "0001.mcap"} <= set(listed)
-    assert {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in listed} == listed
-    assert (folder / "0001.mcap").stat().st_size < (survey / "0001.mcap").stat().st_size, "logs are packed"
+    assert {
+        name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in listed
+    } == listed
+    assert (folder / "0001.mcap").stat().st_size < (survey / "0001.mcap").stat().st_size, (
+        "logs are packed"
+    )
     assert stepdiag("replay", folder / "0001.mcap", "--out", tmp_path / "again").code == 0
     assert (tmp_path / "again/result.json").read_bytes() == (survey / "result.json").read_bytes()
 
@@ -80,12 +94,16 @@ def test_the_same_survey_twice_is_one(survey: Path, store: Store) -> None:
     assert everything_in(store) == before
 
 
-def test_other_results_of_the_same_logs_are_refused(survey: Path, store: Store, tmp_path: Path) -> None:
+def test_other_results_of_the_same_logs_are_refused(
+    survey: Path, store: Store, tmp_path: Path
+) -> None:
     add(survey, store)
     other = tmp_path / "other"
     other.mkdir()
     (other / "0001.mcap").write_bytes((survey / "0001.mcap").read_bytes())
-    (other / "result.json").write_text((survey / "result.json").read_text(encoding="utf-8").replace('"estimate"', '"by hand"'))
+    (other / "result.json").write_text(
+        (survey / "result.json").read_text(encoding="utf-8").replace('"estimate"', '"by hand"')
+    )
     before = everything_in(store)
     with pytest.raises(DataError, match="archived with these logs"):
         add(other, store)
@@ -145,7 +163,8 @@ def test_two_writers_at_once_do_no_harm(survey: Path, store: Store) -> None:
 def test_what_another_zstd_packed_is_the_same_log_and_what_it_says_is_compared(
     survey: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another computer got half-way: its log, packed to other bytes, is completed; one with other records is refused."""
+    """Another computer got half-way: its log, packed to other bytes, is completed; one with other
+    records is refused."""
     with monkeypatch.context() as other:
         other.setattr("stepdiag.daq.recording.archive.LEVEL", 1)
         add(survey, store)
@@ -156,7 +175,10 @@ def test_what_another_zstd_packed_is_the_same_log_and_what_it_says_is_compared(
     Path(store.path(f"{place.folder}/{LISTED}")).unlink()
     assert add(survey, store).outcome == "archived"
     assert log.read_bytes() == theirs
-    assert store.json(f"{place.folder}/{LISTED}")["files"]["0001.mcap"] == hashlib.sha256(theirs).hexdigest()
+    assert (
+        store.json(f"{place.folder}/{LISTED}")["files"]["0001.mcap"]
+        == hashlib.sha256(theirs).hexdigest()
+    )
     Path(store.path(place.table)).unlink()
     log.write_bytes(theirs[:-200])
     with pytest.raises(DataError, match="nothing in a store is ever overwritten"):
@@ -167,7 +189,8 @@ def test_what_another_zstd_packed_is_the_same_log_and_what_it_says_is_compared(
 def test_a_file_that_came_meanwhile_stays_where_the_share_knows_links(
     store: Store, monkeypatch: pytest.MonkeyPatch, *, links: bool
 ) -> None:
-    """Another writer's file appears between the look and the writing: with other bytes it is never taken for ours."""
+    """Another writer's file appears between the look and the writing: with other bytes it is never
+    taken for ours."""
     Path(store.path("x")).write_bytes(b"theirs")
     monkeypatch.setattr(Store, "exists", lambda _self, _name: False)
     if not links:
@@ -187,7 +210,9 @@ def test_the_index_says_the_same_as_the_tables(store: Store) -> None:
     write_history(store, "b", [4.0])
     assert [each.machine for each in series_of(store)] == ["a", "b"]
     Path(store.path(store.tables()[0].table)).unlink()
-    assert len(series_of(store, "a")[0].points) == 2, "what is not in the store any more is not told from the index"
+    assert len(series_of(store, "a")[0].points) == 2, (
+        "what is not in the store any more is not told from the index"
+    )
 
 
 @pytest.mark.parametrize("name", [INDEX, "table"])
@@ -208,21 +233,35 @@ def test_damaged_and_foreign_tables_are_named(store: Store, name: str, data: byt
 
 
 @pytest.mark.parametrize("name", [INDEX, "table"])
-def test_a_table_of_a_newer_or_foreign_version_is_named_as_such(store: Store, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_table_of_a_newer_or_foreign_version_is_named_as_such(
+    store: Store, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     with monkeypatch.context() as newer:
         if name == "table":
             newer.setattr("stepdiag.fleet.tables.VERSION", "3")
         write_history(store, "a", [1.0, 2.0])
     if name == INDEX:
         with monkeypatch.context() as newer:
-            newer.setattr("stepdiag.fleet.archive.to_parquet", lambda table: to_parquet(table).replace(b"stepdiag-rows", b"stepdiag-ROWS"))
+            newer.setattr(
+                "stepdiag.fleet.archive.to_parquet",
+                lambda table: to_parquet(table).replace(b"stepdiag-rows", b"stepdiag-ROWS"),
+            )
             refresh_index(store, most_loose=0)
-    with pytest.raises(DataError, match="a newer stepdiag reads it" if name == "table" else "found none"):
+    with pytest.raises(
+        DataError, match="a newer stepdiag reads it" if name == "table" else "found none"
+    ):
         series_of(store)
 
 
 @pytest.mark.parametrize(
-    "mark", ["{}", "[1]", "nonsense", '{"format": "stepdiag-store", "version": 2}', '{"format": "other", "version": 1}']
+    "mark",
+    [
+        "{}",
+        "[1]",
+        "nonsense",
+        '{"format": "stepdiag-store", "version": 2}',
+        '{"format": "other", "version": 1}',
+    ],
 )
 def test_a_store_of_another_kind_is_refused(tmp_path: Path, mark: str) -> None:
     (tmp_path / MARK).write_text(mark, encoding="utf-8")
@@ -231,7 +270,9 @@ def test_a_store_of_another_kind_is_refused(tmp_path: Path, mark: str) -> None:
 
 
 @pytest.mark.parametrize("address", ["nothing-here", "nosuchprotocol://x/y", "s3://bucket/x", ""])
-def test_a_store_that_is_away_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+def test_a_store_that_is_away_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError):
         Store(address)
@@ -255,7 +296,9 @@ def test_only_finished_surveys_are_taken(survey: Path, tmp_path: Path) -> None:
     assert finished_in([tmp_path, survey.parent]) == [survey]
 
 
-def test_a_link_out_of_the_folder_is_not_archived(survey: Path, store: Store, tmp_path: Path) -> None:
+def test_a_link_out_of_the_folder_is_not_archived(
+    survey: Path, store: Store, tmp_path: Path
+) -> None:
     folder = tmp_path / "0001"
     folder.mkdir()
     for path in survey.glob("*.*"):
@@ -283,7 +326,9 @@ def test_the_command_says_what_it_did(survey: Path, tmp_path: Path) -> None:
     assert archiving.MOST_LOOSE > 0
 
 
-def test_an_old_log_whose_survey_is_refused_is_solved_with_another(survey: Path, store: Store) -> None:
+def test_an_old_log_whose_survey_is_refused_is_solved_with_another(
+    survey: Path, store: Store
+) -> None:
     """Without one it is named with its reason, and the command says the way."""
     place = add(survey, store).place
     text = SURVEY.replace('machine = "virtual"', 'machine = "Mill 7/ä"\nevent = "crash"')
@@ -292,20 +337,30 @@ def test_an_old_log_whose_survey_is_refused_is_solved_with_another(survey: Path,
     folder = Path(store.root) / place.folder
     (folder / "0001.mcap").write_bytes(old)
     lost = solve_anew(store.address, tuple(place))
-    assert (lost.outcome, "SHA-256" in str(lost.reason)) == ("failed", True), "a log that is not the archived one is named"
+    assert (lost.outcome, "SHA-256" in str(lost.reason)) == ("failed", True), (
+        "a log that is not the archived one is named"
+    )
     listed_anew(store, place)
     refused = solve_anew(store.address, tuple(place))
     assert (refused.outcome, "of_old" in str(refused.reason)) == ("failed", True)
     stood_in = solve_anew(store.address, tuple(place), text)
-    assert (stood_in.outcome, stood_in.changed, str(stood_in.reason)) == ("solved anew", (), "by the survey file given")
+    assert (stood_in.outcome, stood_in.changed, str(stood_in.reason)) == (
+        "solved anew",
+        (),
+        "by the survey file given",
+    )
     other = solve_anew(store.address, tuple(place), text.replace("Mill 7/ä", "Mill 8"))
     assert (other.outcome, "Mill 8" in str(other.reason)) == ("failed", True)
     told = stepdiag("resolve", store.root, "--survey", survey / "result.json")
     assert (told.code, "--machine" in told.refusal) == (2, True)
 
 
-def test_a_survey_that_is_read_is_solved_as_it_was_driven_whatever_file_is_given(survey: Path, store: Store) -> None:
+def test_a_survey_that_is_read_is_solved_as_it_was_driven_whatever_file_is_given(
+    survey: Path, store: Store
+) -> None:
     place = add(survey, store).place
-    another = SURVEY.replace('machine = "virtual"', 'machine = "Mill 7/ä"\nevent = "crash"').replace("300.0, 200", "310.0, 200")
+    another = SURVEY.replace(
+        'machine = "virtual"', 'machine = "Mill 7/ä"\nevent = "crash"'
+    ).replace("300.0, 200", "310.0, 200")
     assert "310.0" in another
     assert solve_anew(store.address, tuple(place), another).outcome == "the same bytes"

@@ -1,4 +1,5 @@
-"""The chain of custody through a store: what is true holds, and every forgery is named by the first link that does not."""
+"""The chain of custody through a store: what is true holds, and every forgery is named by the first
+link that does not."""
 
 import hashlib
 import json
@@ -24,7 +25,8 @@ from testkit.forgeries import edited_index, edited_table, flipped, listed_anew, 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a store of two surveys and the certificate of the first, with the laboratory's file beside it."""
+    """A folder with a store of two surveys and the certificate of the first, with the laboratory's
+    file beside it."""
     folder = tmp_path_factory.mktemp("custody")
     store = Store(str(folder / "store"), create=True)
     survey = finished_survey(folder / "survey")
@@ -32,7 +34,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         add(each, store)
     refresh_index(store, most_loose=0)
     (folder / "laboratory.toml").write_text('[laboratory]\nname = "Lab"\n', encoding="utf-8")
-    told = stepdiag("certificate", survey, "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml")
+    told = stepdiag(
+        "certificate", survey, "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml"
+    )
     assert told.code == 0, told.refusal
     shutil.rmtree(folder / "survey")
     return folder
@@ -46,11 +50,16 @@ def folder(made: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Solve once for all changes of one store; everything else is read, hashed and written again as always."""
+    """Solve once for all changes of one store; everything else is read, hashed and written again as
+    always."""
     again, known = custody._again, {}
 
     def once(path, links, held, suffix):
-        key = (hashlib.sha256(path.read_bytes()).hexdigest(), tuple(links), tuple(sorted(str(each) for each in held)))
+        key = (
+            hashlib.sha256(path.read_bytes()).hexdigest(),
+            tuple(links),
+            tuple(sorted(str(each) for each in held)),
+        )
         if key not in known:
             known[key] = again(path, links, held, suffix)
         return known[key]
@@ -64,18 +73,24 @@ def verdict(folder: Path) -> str:
 
 
 def table_in(folder: Path, machine: str = "Mill 7") -> Path:
-    return next(path for path in (folder / "store").rglob("*.parquet") if machine in path.as_posix())
+    return next(
+        path for path in (folder / "store").rglob("*.parquet") if machine in path.as_posix()
+    )
 
 
 def test_what_is_true_holds(folder: Path) -> None:
     told = stepdiag("verify", folder / "c.xml", "--custody", folder / "store")
     assert (told.code, "holds: 3 links" in told.out) == (0, True), told.out
     result = table_in(folder).with_suffix("") / "result.json"
-    assert result_named(table_in(folder).read_bytes()) == hashlib.sha256(result.read_bytes()).hexdigest()
+    assert (
+        result_named(table_in(folder).read_bytes())
+        == hashlib.sha256(result.read_bytes()).hexdigest()
+    )
 
 
 def test_result_that_was_solved_anew_is_in_the_walk(folder: Path) -> None:
-    """Its table is walked beside that of what was archived, and the certificate still rests on the archived one."""
+    """Its table is walked beside that of what was archived, and the certificate still rests on the
+    archived one."""
     store = Store(str(folder / "store"))
     place = next(each for each in store.tables() if "Mill 7" in each.machine)
     text = (_survey(folder) / "result.json").read_text(encoding="utf-8")
@@ -88,16 +103,20 @@ def test_result_that_was_solved_anew_is_in_the_walk(folder: Path) -> None:
 
 
 def _value(column: str, by: float) -> Callable[[Path], None]:
-    return lambda folder: edited_table(table_in(folder), column, lambda values: [values[0] + by, *values[1:]])
+    return lambda folder: edited_table(
+        table_in(folder), column, lambda values: [values[0] + by, *values[1:]]
+    )
 
 
 def _statistics(folder: Path) -> None:
-    """Keep every number, and state least and largest of every column, by which readers choose what they read."""
+    """Keep every number, and state least and largest of every column, by which readers choose what
+    they read."""
     edited_table(table_in(folder), "value", statistics=True)
 
 
 def _with_hashes(folder: Path, forge: Callable[[Path], object]) -> None:
-    """Forge, then write the new SHA-256 of every file into the list of files: a forger who knows the chain."""
+    """Forge, then write the new SHA-256 of every file into the list of files: a forger who knows
+    the chain."""
     forge(folder)
     store = Store(str(folder / "store"))
     for place in store.tables():
@@ -124,7 +143,9 @@ def _text(name: str, old: str, new: str) -> Callable[[Path], None]:
 
 
 def _index(folder: Path) -> None:
-    edited_index(Store(str(folder / "store")), "value", lambda values: [each / 2 for each in values])
+    edited_index(
+        Store(str(folder / "store")), "value", lambda values: [each / 2 for each in values]
+    )
 
 
 def _result_of_table(folder: Path) -> None:
@@ -134,23 +155,45 @@ def _result_of_table(folder: Path) -> None:
 FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a value in the table": (_value("value", 0.1), "custody-table"),
     "an uncertainty in the table": (_value("u", 0.1), "custody-table"),
-    "a value in the table, with its hash": (lambda f: _with_hashes(f, _value("value", 0.1)), "custody-table"),
+    "a value in the table, with its hash": (
+        lambda f: _with_hashes(f, _value("value", 0.1)),
+        "custody-table",
+    ),
     "the table of another machine": (_exchanged, "custody-table"),
     "the statistics of the table": (_statistics, "custody-table-bytes"),
-    "the statistics of the table, with its hash": (lambda f: _with_hashes(f, _statistics), "custody-table-bytes"),
+    "the statistics of the table, with its hash": (
+        lambda f: _with_hashes(f, _statistics),
+        "custody-table-bytes",
+    ),
     "another result named by the table": (_result_of_table, "custody-table-result"),
     "the index": (_index, "custody-table"),
     "the result": (_text("result.json", '"value": ', '"value":  '), "custody-table-result"),
-    "the result, with its hash": (lambda f: _with_hashes(f, _text("result.json", '"value": ', '"value":  ')), "custody-table-result"),
+    "the result, with its hash": (
+        lambda f: _with_hashes(f, _text("result.json", '"value": ', '"value":  ')),
+        "custody-table-result",
+    ),
     "the readings": (_text("readings.csv", "1", "2"), "custody-stored"),
-    "a hash in the list of files": (_text(LISTED, '"readings.csv": "', '"readings.csv": "0'), "custody-refused"),
-    "the list of files without one": (_text(LISTED, "readings.csv", "readings.old"), "custody-refused"),
+    "a hash in the list of files": (
+        _text(LISTED, '"readings.csv": "', '"readings.csv": "0'),
+        "custody-refused",
+    ),
+    "the list of files without one": (
+        _text(LISTED, "readings.csv", "readings.old"),
+        "custody-refused",
+    ),
     "a log of another survey": (
-        lambda f: shutil.copy(next(_survey(f, "Mill 8").glob("*.mcap")), next(_survey(f).glob("*.mcap"))),
+        lambda f: shutil.copy(
+            next(_survey(f, "Mill 8").glob("*.mcap")), next(_survey(f).glob("*.mcap"))
+        ),
         "custody-stored",
     ),
     "a log of another survey, with its hash": (
-        lambda f: _with_hashes(f, lambda g: shutil.copy(next(_survey(g, "Mill 8").glob("*.mcap")), next(_survey(g).glob("*.mcap")))),
+        lambda f: _with_hashes(
+            f,
+            lambda g: shutil.copy(
+                next(_survey(g, "Mill 8").glob("*.mcap")), next(_survey(g).glob("*.mcap"))
+            ),
+        ),
         "custody-stored",
     ),
     "the survey gone": (lambda f: table_in(f).unlink(), "custody-no-survey"),
@@ -169,8 +212,13 @@ def test_forgery_is_named_by_its_link(name: str, folder: Path) -> None:
 
 @pytest.mark.usefixtures("quick")
 def test_every_flipped_bit_of_the_survey_is_found(folder: Path) -> None:
-    """Any bit of table, index, list, result, log and the other files of the survey; `benchmarks.custody` flips 10,000."""
-    files = [table_in(folder), folder / "store" / INDEX, *sorted(path for path in _survey(folder).rglob("*") if path.is_file())]
+    """Any bit of table, index, list, result, log and the other files of the survey;
+    `benchmarks.custody` flips 10,000."""
+    files = [
+        table_in(folder),
+        folder / "store" / INDEX,
+        *sorted(path for path in _survey(folder).rglob("*") if path.is_file()),
+    ]
     rng = np.random.default_rng(46)
     for turn in range(5 * len(files)):
         with flipped(files[turn % len(files)], rng):
@@ -179,7 +227,8 @@ def test_every_flipped_bit_of_the_survey_is_found(folder: Path) -> None:
 
 
 def test_flipped_bit_is_named_by_the_check_and_shows_no_other_figure(folder: Path) -> None:
-    """Any bit of any file of a store: `archive check` names it, and `trend` shows the same figures or names what it left out."""
+    """Any bit of any file of a store: `archive check` names it, and `trend` shows the same figures
+    or names what it left out."""
     store, rng = Store(str(folder / "store")), np.random.default_rng(47)
     assert list(check(store)) == []
     before = shown(store)
@@ -188,7 +237,8 @@ def test_flipped_bit_is_named_by_the_check_and_shows_no_other_figure(folder: Pat
         path = files[turn % len(files)]
         with flipped(path, rng):
             if path.name == MARK:
-                continue  # it holds no figure; a store that is opened requires its format and version
+                # it holds no figure; a store that is opened requires its format and version
+                continue
             assert list(check(store)), f"{path.name}, turn {turn}"
             assert shown(store) in (before, "named"), f"{path.name}, turn {turn}"
     Path(store.path(INDEX)).unlink()
@@ -204,7 +254,9 @@ def shown(store: Store) -> str:
     if any(each.damaged for each in history.left_out):
         return "named"
     return "\n".join(
-        f"{each.machine} {each.quantity} {each.shown.tolist()} {each.values.tolist()} {each.u.tolist()}" for each in history.series
+        f"{each.machine} {each.quantity} {each.shown.tolist()} {each.values.tolist()} "
+        f"{each.u.tolist()}"
+        for each in history.series
     )
 
 
@@ -221,7 +273,9 @@ def test_survey_solved_anew_is_under_hashes_of_its_own(folder: Path) -> None:
     store = Store(str(folder / "store"))
     place = next(each for each in store.tables() if "Mill 7" in each.machine)
     text = (_survey(folder) / "result.json").read_text(encoding="utf-8")
-    resolve._kept(store, place, text, text.replace(f'"{json.loads(text)["software"]["version"]}"', '"99.0"'))
+    resolve._kept(
+        store, place, text, text.replace(f'"{json.loads(text)["software"]["version"]}"', '"99.0"')
+    )
     assert list(check(store)) == []
     anew = place._replace(software="99.0")
     for file in (anew.table, anew.listed, f"{anew.folder}/result.json"):

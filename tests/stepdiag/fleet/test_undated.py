@@ -1,4 +1,5 @@
-"""A survey whose computer had no time: its result, its report and the archive name it, until somebody states the time."""
+"""A survey whose computer had no time: its result, its report and the archive name it, until
+somebody states the time."""
 
 import json
 from pathlib import Path
@@ -28,7 +29,9 @@ def test_a_survey_of_1970_is_named_in_result_report_and_archive(tmp_path: Path) 
     result = complete([log], log.parent).result
     assert result.survey is not None
     assert result.survey.date == "1970-01-01"
-    assert [found.severity for found in result.findings if found.code == "clock-unset"] == ["warning"]
+    assert [found.severity for found in result.findings if found.code == "clock-unset"] == [
+        "warning"
+    ]
     assert "clock of the computer was never set" in build_report(result, source="result.json").html
     assert "dated 1970-01-01" in undated(log.parent)
     added = stepdiag("archive", "add", log.parent, "--to", tmp_path / "store")

@@ -36,7 +36,8 @@ def secret(folder: Path, text: str, mode: int = 0o600) -> Path:
 
 
 def test_a_survey_file_with_a_token_is_refused_with_the_way_out(tmp_path: Path) -> None:
-    """Every log carries the survey file: the refusal does not even repeat the token. A log of an older version is still read."""
+    """Every log carries the survey file: the refusal does not even repeat the token. A log of an
+    older version is still read."""
     path = survey_with(tmp_path, f'token = "{TOKEN}"')
     with pytest.raises(UsageError, match=r"page\.token: .*page\.token_file") as refused:
         load_survey(path)
@@ -68,13 +69,18 @@ def test_a_token_that_can_be_guessed_is_refused(tmp_path: Path, text: str) -> No
     assert not text.strip() or text not in str(refused.value)
 
 
-def test_a_credential_of_the_service_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_credential_of_the_service_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """systemd hands it over in a folder that only the service reads."""
     credentials = tmp_path / "credentials"
     credentials.mkdir()
     (credentials / "page-token").write_text("the service's own token", encoding="utf-8")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(credentials))
-    assert settings_of(survey_with(tmp_path, 'token_file = "not-there"')).token == "the service's own token"
+    assert (
+        settings_of(survey_with(tmp_path, 'token_file = "not-there"')).token
+        == "the service's own token"
+    )
 
 
 def test_a_file_named_like_a_credential_is_none(tmp_path: Path) -> None:
@@ -98,7 +104,14 @@ def test_no_certificate_is_no_encryption(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("host", "seen"), [("127.0.0.1", False), ("::1", False), ("localhost", False), ("0.0.0.0", True), ("10.0.0.5", True)]
+    ("host", "seen"),
+    [
+        ("127.0.0.1", False),
+        ("::1", False),
+        ("localhost", False),
+        ("0.0.0.0", True),
+        ("10.0.0.5", True),
+    ],
 )
 def test_who_can_listen_on_the_way(tmp_path: Path, host: str, seen: bool) -> None:
     survey = survey_with(tmp_path, f'host = "{host}"')
@@ -113,7 +126,10 @@ def test_a_name_that_is_none_is_refused(tmp_path: Path, name: str) -> None:
 
 def test_info_names_a_log_that_carries_a_token(tmp_path: Path) -> None:
     """Logs of older versions hold the survey file as it was: who passes one on must know."""
-    for name, survey in (("clean", SMALLEST), ("telling", f'{SMALLEST}[page]\ntoken = "{TOKEN}"\n')):
+    for name, survey in (
+        ("clean", SMALLEST),
+        ("telling", f'{SMALLEST}[page]\ntoken = "{TOKEN}"\n'),
+    ):
         write_log(tmp_path / f"{name}.mcap", [], header=replace(HEADER, survey_text=survey))
     assert not log_info(tmp_path / "clean.mcap").carries_token
     assert log_info(tmp_path / "telling.mcap").carries_token

@@ -36,7 +36,13 @@ HARM: dict[str, Callable[[Path, Path], object]] = {
 def exported(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """The folder of an export in a survey's folder."""
     folder = tmp_path / "exports" / str(request.param)
-    export(RESULT, request.param, profile_of(request.param, VOLUME), accept=Everything(), out_dir=folder)  # type: ignore[arg-type]
+    export(
+        RESULT,
+        request.param,
+        profile_of(request.param, VOLUME),
+        accept=Everything(),
+        out_dir=folder,
+    )  # type: ignore[arg-type]
     return folder
 
 
@@ -59,7 +65,11 @@ def asked(tmp_path: Path) -> Callable[[str], tuple[int, bytes]]:
 
 def table_in(folder: Path) -> Path:
     """Return a file that is loaded into the control."""
-    (table, *_) = (path for path in sorted(folder.iterdir()) if path.name.endswith(LOADED[folder.name]) and "RESTORE" not in path.name)
+    (table, *_) = (
+        path
+        for path in sorted(folder.iterdir())
+        if path.name.endswith(LOADED[folder.name]) and "RESTORE" not in path.name
+    )
     return table
 
 
@@ -69,7 +79,9 @@ def listed(asked: Callable[[str], tuple[int, bytes]]) -> list[str]:
     return [each["name"] for each in json.loads(body)]
 
 
-def test_a_whole_set_is_handed_over(exported: Path, asked: Callable[[str], tuple[int, bytes]]) -> None:
+def test_a_whole_set_is_handed_over(
+    exported: Path, asked: Callable[[str], tuple[int, bytes]]
+) -> None:
     table = f"exports-{exported.name}-{table_in(exported).name}"
     assert {table, f"{exported.name}.zip", f"{exported.name}-restore.zip"} <= set(listed(asked))
     assert asked(f"/download/{table}") == (200, table_in(exported).read_bytes())
@@ -77,12 +89,17 @@ def test_a_whole_set_is_handed_over(exported: Path, asked: Callable[[str], tuple
 
 
 @pytest.mark.parametrize("how", HARM)
-def test_a_set_that_is_not_as_it_was_written_is_not(exported: Path, asked: Callable[[str], tuple[int, bytes]], how: str) -> None:
-    """Neither as a bundle nor file by file, by whatever name; why files were refused is still told."""
+def test_a_set_that_is_not_as_it_was_written_is_not(
+    exported: Path, asked: Callable[[str], tuple[int, bytes]], how: str
+) -> None:
+    """Neither as a bundle nor file by file, by whatever name; why files were refused is still
+    told."""
     names = listed(asked)
     HARM[how](exported, table_in(exported))
     (exported / REFUSED).write_text("why", encoding="utf-8")
-    assert [name for name in listed(asked) if exported.name in name] == [f"exports-{exported.name}-{REFUSED}"]
+    assert [name for name in listed(asked) if exported.name in name] == [
+        f"exports-{exported.name}-{REFUSED}"
+    ]
     assert {name: asked(f"/download/{name}")[0] for name in names} == dict.fromkeys(names, 404)
 
 
@@ -103,9 +120,13 @@ def test_a_set_that_is_altered_while_it_is_fetched_is_refused(
 
 
 def test_a_set_whose_disk_goes_away_is_refused_and_no_folder_of_the_service_is_told(
-    exported: Path, asked: Callable[[str], tuple[int, bytes]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    exported: Path,
+    asked: Callable[[str], tuple[int, bytes]],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
-    """An error of the disk was a fault of the program; a refusal named where the service keeps its files."""
+    """An error of the disk was a fault of the program; a refusal named where the service keeps its
+    files."""
     place = f"/download/{exported.name}.zip"
     assert asked(place)[0] == 200
 
@@ -123,4 +144,8 @@ def test_a_set_whose_disk_goes_away_is_refused_and_no_folder_of_the_service_is_t
 
     monkeypatch.setattr(page_app, "zip_of", altered)
     status, told = asked(place)
-    assert (status, exported.name.encode() in told, str(tmp_path).encode() in told) == (409, True, False)
+    assert (status, exported.name.encode() in told, str(tmp_path).encode() in told) == (
+        409,
+        True,
+        False,
+    )

@@ -1,6 +1,8 @@
-"""An attacker inside a confined process: what it reaches of its recorder, of files, and of the network, by every version of Landlock.
+"""An attacker inside a confined process: what it reaches of its recorder, of files, and of the
+network, by every version of Landlock.
 
-Another process stands for the recorder, a listener of TCP and UDP for the PLC. The attack goes by the C library, as shellcode would.
+Another process stands for the recorder, a listener of TCP and UDP for the PLC. The attack goes by
+the C library, as shellcode would.
 """
 
 import json
@@ -26,7 +28,9 @@ VERSIONS = (0, 1, 2, 3, 4, 6, 99)
 
 @pytest.fixture
 def recorder():
-    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, text=True
+    ) as process:
         yield process
         assert process.poll() is None, "the recorder lives"
         process.communicate("\n", timeout=60)
@@ -34,7 +38,10 @@ def recorder():
 
 @pytest.fixture
 def plc():
-    with socket.create_server(("127.0.0.1", 0)) as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as tcp,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp,
+    ):
         udp.bind(tcp.getsockname())
         for each in (tcp, udp):
             each.setblocking(False)
@@ -50,7 +57,16 @@ def test_nothing_of_the_attack_succeeds(walls, version, recorder, plc, tmp_path)
     (tmp_path / "secret").write_text("a secret", encoding="utf-8")
     before = state(recorder.pid)
     port = plc[0].getsockname()[1]
-    command = [sys.executable, str(ATTACK), walls, str(version), str(recorder.pid), str(port), str(logs), str(tmp_path / "secret")]
+    command = [
+        sys.executable,
+        str(ATTACK),
+        walls,
+        str(version),
+        str(recorder.pid),
+        str(port),
+        str(logs),
+        str(tmp_path / "secret"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -78,24 +94,45 @@ def test_the_page_names_what_is_open(tmp_path):
     page.still_open = tuple(OPEN)
     assert json.loads(visit(application, "/about.json", "127.0.0.1")[1])["open"] == list(OPEN)
     for language in LANGUAGES:
-        assert {f"open_{each.lower().replace(' ', '_')}" for each in OPEN} <= catalogue("page", language).keys()
+        assert {f"open_{each.lower().replace(' ', '_')}" for each in OPEN} <= catalogue(
+            "page", language
+        ).keys()
 
 
 READING = {"reads a secret", "reads /etc/passwd", "its memory as a file"}
-NETWORK = {"UDP to the PLC", "a unix socket", "a netlink socket", "a raw socket", "a packet socket", "a vsock"}
-"""What finds a host by its name needs sockets; the unit of what publishes shuts the rest (`test_systemd_unit`)."""
+NETWORK = {
+    "UDP to the PLC",
+    "a unix socket",
+    "a netlink socket",
+    "a raw socket",
+    "a packet socket",
+    "a vsock",
+}
+"""What finds a host by its name needs sockets; the unit of what publishes shuts the rest
+(`test_systemd_unit`)."""
 TCP = {"TCP to the PLC", "a listening port"}
 
 
 def open_to(walls, version):
     """Return what must be named."""
     reading = {"reading the disk and the memory of its account"} if version < 1 else set()
-    network = {"UDP and other sockets"} | ({"TCP"} if version < 4 else set()) | ({"abstract sockets"} if version < 6 else set())
+    network = (
+        {"UDP and other sockets"}
+        | ({"TCP"} if version < 4 else set())
+        | ({"abstract sockets"} if version < 6 else set())
+    )
     return reading | (network if walls == "mqtt" else set())
 
 
 def state(pid):
-    """Return what an attacker could have changed of a process: whether it runs, its limits, priority, processors and policy."""
+    """Return what an attacker could have changed of a process: whether it runs, its limits,
+    priority, processors and policy."""
     status = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     limits = Path(f"/proc/{pid}/limits").read_text()
-    return status[0] == "T", status[16], limits, sorted(os.sched_getaffinity(pid)), os.sched_getscheduler(pid)
+    return (
+        status[0] == "T",
+        status[16],
+        limits,
+        sorted(os.sched_getaffinity(pid)),
+        os.sched_getscheduler(pid),
+    )

@@ -1,4 +1,5 @@
-"""Every word that the page's scripts and its frame ask for stands in the catalogue: what is missing would show its own name."""
+"""Every word that the page's scripts and its frame ask for stands in the catalogue: what is missing
+would show its own name."""
 
 import re
 from importlib.resources import files
@@ -14,7 +15,11 @@ ASKED = re.compile(r"""(?:\bsay\(|data-text=|data-label=)["']([a-z_0-9]+)["']"""
 def asked() -> dict[str, str]:
     """Return the words that are asked for by their own name, with the file that does so."""
     sources = [each for each in STATIC.iterdir() if each.name.endswith((".js", ".html"))]
-    return {word: each.name for each in sources for word in ASKED.findall(each.read_text(encoding="utf-8"))}
+    return {
+        word: each.name
+        for each in sources
+        for word in ASKED.findall(each.read_text(encoding="utf-8"))
+    }
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

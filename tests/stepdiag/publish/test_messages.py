@@ -1,4 +1,5 @@
-"""What is published of a survey: by its schema, only when it changed, and nothing of a result that is damaged."""
+"""What is published of a survey: by its schema, only when it changed, and nothing of a result that
+is damaged."""
 
 import errno
 import os
@@ -10,7 +11,15 @@ import pytest
 from stepdiag.base.result.result import parse_result
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Survey
-from stepdiag.publish.messages import Findings, Message, ResultMessage, State, Watched, schemas, topic_of
+from stepdiag.publish.messages import (
+    Findings,
+    Message,
+    ResultMessage,
+    State,
+    Watched,
+    schemas,
+    topic_of,
+)
 from testkit.cli import stepdiag
 from testkit.hostile.foreign import targets
 from testkit.hostile.foreign_logs import SURVEY
@@ -33,7 +42,9 @@ def watched(survey: Survey, tmp_path: Path) -> Watched:
     return Watched(survey, tmp_path)
 
 
-def test_before_anything_was_recorded_only_the_state_is_said(survey: Survey, tmp_path: Path) -> None:
+def test_before_anything_was_recorded_only_the_state_is_said(
+    survey: Survey, tmp_path: Path
+) -> None:
     (said,) = Watched(survey, tmp_path / "nowhere").now()
     assert isinstance(said, State)
     assert (said.recording, said.complete, said.round) == (False, False, "")
@@ -46,7 +57,9 @@ def test_the_numbers_are_those_of_the_result(watched: Watched, tmp_path: Path) -
     assert isinstance(result, ResultMessage)
     solved = parse_result((tmp_path / "0002" / "result.json").read_text(encoding="utf-8"))
     assert (state.complete, result.round) == (True, "0002")
-    assert {row.quantity: row.value for row in result.rows if row.quantity in solved.squareness} == {
+    assert {
+        row.quantity: row.value for row in result.rows if row.quantity in solved.squareness
+    } == {
         name: number.value for name, number in solved.squareness.items() if number.value is not None
     }
     assert [each.code for each in findings.findings] == [each.code for each in solved.findings]
@@ -70,8 +83,11 @@ def test_a_result_is_read_anew_when_its_file_is_another(watched: Watched, tmp_pa
     assert list(watched.now())[2] != before[2]
 
 
-def test_a_damaged_result_is_named_and_holds_nothing_else_back(watched: Watched, tmp_path: Path) -> None:
-    """The state is said all the same; what is sent once ends the program, since nobody looks again."""
+def test_a_damaged_result_is_named_and_holds_nothing_else_back(
+    watched: Watched, tmp_path: Path
+) -> None:
+    """The state is said all the same; what is sent once ends the program, since nobody looks
+    again."""
     path = tmp_path / "0002" / "result.json"
     whole = path.read_bytes()
     (tmp_path / "0001" / "result.json").write_bytes(whole)
@@ -80,15 +96,20 @@ def test_a_damaged_result_is_named_and_holds_nothing_else_back(watched: Watched,
     assert isinstance(state, State)
     assert (state.round, state.complete) == ("0002", True)
     assert "0002/result.json" in state.damage
-    assert [said.round for _, said in watched.history()] == ["0001"], "an older result is read all the same"
+    assert [said.round for _, said in watched.history()] == ["0001"], (
+        "an older result is read all the same"
+    )
     path.write_bytes(whole)
     mended, *told = watched.now()
     assert isinstance(mended, State)
     assert (mended.damage, len(told)) == ("", 2)
 
 
-def test_a_share_that_is_away_is_named_and_ends_nothing(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever of the folder is asked for: a server on the network that went away answers nothing (ESTALE)."""
+def test_a_share_that_is_away_is_named_and_ends_nothing(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever of the folder is asked for: a server on the network that went away answers nothing
+    (ESTALE)."""
 
     def away(path: Path) -> bool:
         raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(path))
@@ -114,14 +135,20 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         (("--opcua", "127.0.0.1", "--certificate", "x.pem"), "found one of them"),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "k"), "--key"),
         (("--opcua", "127.0.0.1", "--certificate", "nowhere.pem", "--key", "p"), "nowhere.pem"),
-        (("--opcua", "127.0.0.1", "--certificate", "s.toml", "--key", "p"), "a certificate and its key"),
+        (
+            ("--opcua", "127.0.0.1", "--certificate", "s.toml", "--key", "p"),
+            "a certificate and its key",
+        ),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "open"), "chmod 600"),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "p", "--plain"), "found both"),
         (("--opcua", "127.0.0.1:0", "--plain"), "HOST:PORT"),
         (("--opcua", "::1", "--plain"), "[ADDRESS]:PORT"),
         (("--opcua", "127.0.0.1", "--plain", "--once"), "without --once"),
         (("--opcua", "127.0.0.1", "--plain", "--user", "u"), "a password for the user"),
-        (("--opcua", "192.0.2.1", "--plain", "--user", "u", "--password-file", "p"), "encryption, since a password is sent"),
+        (
+            ("--opcua", "192.0.2.1", "--plain", "--user", "u", "--password-file", "p"),
+            "encryption, since a password is sent",
+        ),
         (("--broker", "a", "--certificate", "x.pem"), "without --certificate"),
         (("--broker", "a b"), "HOST:PORT"),
         (("--broker", "a:99999"), "HOST:PORT"),
@@ -131,16 +158,23 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         (("--broker", "[::1]:1883:1"), "HOST:PORT"),
         (("--broker", "[fd00::1]:1883", "--plain", "--password-file", "p"), "broker fd00::1:"),
         (("--broker", "a", "--topic", "a/#"), "a topic without"),
-        (("--broker", "a", "--plain", "--password-file", "p"), "encryption, since a password is sent"),
+        (
+            ("--broker", "a", "--plain", "--password-file", "p"),
+            "encryption, since a password is sent",
+        ),
         (("--broker", "a", "--password-file", "p"), "a user for the password"),
         (("--broker", "a", "--plain", "--ca", "x.pem"), "--ca, or --plain"),
         (("--broker", "a", "--password-file", "open"), "chmod 600"),
         (("--broker", "a", "--ca", "s.toml"), "certificates in PEM"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], words: str) -> None:
+def test_what_cannot_be_meant_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], words: str
+) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("stepdiag.daemon.journal.configure", lambda: None)  # it lasts: other tests would write to this one's terminal
+    monkeypatch.setattr(
+        "stepdiag.daemon.journal.configure", lambda: None
+    )  # it lasts: other tests would write to this one's terminal
     Path("s.toml").write_text(ALONE, encoding="utf-8")
     Path("p").touch(0o600)
     Path("p").write_text("secret", encoding="utf-8")

@@ -1,4 +1,5 @@
-"""The nodesets are those that the OPC Foundation publishes, and the server's definitions are theirs."""
+"""The nodesets are those that the OPC Foundation publishes, and the server's definitions are
+theirs."""
 
 import asyncio
 import hashlib
@@ -22,7 +23,9 @@ HASHES = {
 
 
 def test_the_nodesets_are_unchanged() -> None:
-    found = {path.name: hashlib.sha256(path.read_bytes()).hexdigest()[:32] for path in FOLDER.iterdir()}
+    found = {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()[:32] for path in FOLDER.iterdir()
+    }
     assert found == {f"{name}.NodeSet2.xml": HASHES[name] for name in ORDER}
 
 
@@ -42,7 +45,9 @@ def test_every_node_of_the_results_is_there_as_published() -> None:
             if "NodeId" not in each.attrib or kind == each.tag:
                 continue
             node = server.get_node(_id(each.attrib["NodeId"], index))
-            assert (await node.read_browse_name()).Name == each.attrib["BrowseName"].removeprefix("1:")
+            assert (await node.read_browse_name()).Name == each.attrib["BrowseName"].removeprefix(
+                "1:"
+            )
             assert (await node.read_node_class()).name == kind
             if kind in ("Variable", "VariableType"):
                 named = each.get("DataType", "i=24")

@@ -1,4 +1,5 @@
-"""A day of leaving from the rounds of a survey: a machine that drifts by 1 µm a year, held against the truth."""
+"""A day of leaving from the rounds of a survey: a machine that drifts by 1 µm a year, held against
+the truth."""
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,7 +13,9 @@ NOW = datetime(2027, 6, 1, tzinfo=UTC)
 
 def test_a_drift_has_its_day(tmp_path: Path) -> None:
     """From 5 µrad by 1 a year: 10 after five years."""
-    write_rounds(tmp_path, [5.0 + number * (QUARTER / YEAR) for number in range(12)], tolerance=10.0)
+    write_rounds(
+        tmp_path, [5.0 + number * (QUARTER / YEAR) for number in range(12)], tolerance=10.0
+    )
     (found,) = leavings(tmp_path, NOW)
     assert found.series.quantity == "C0Y"
     assert found.leaving is not None

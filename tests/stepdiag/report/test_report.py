@@ -64,7 +64,9 @@ class Outline(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        self.addresses += [value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}]
+        self.addresses += [
+            value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}
+        ]
         if tag not in self.VOID:
             self.open.append(tag)
 
@@ -79,7 +81,8 @@ class Outline(HTMLParser):
 
 
 def test_the_report_needs_nothing_else() -> None:
-    """One file: no address but the CSV inside it, one script and one style sheet, admitted by their hashes."""
+    """One file: no address but the CSV inside it, one script and one style sheet, admitted by their
+    hashes."""
     html = build_report(made_up_result(), source="result.json").html
     outline = Outline(html)
     assert outline.open == []
@@ -91,7 +94,9 @@ def test_the_report_needs_nothing_else() -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_same_result_gives_the_same_bytes(language: str) -> None:
     """No clock, no order of a set, no address of the machine goes into it."""
-    first, second = (build_report(made_up_result(), source="result.json", language=language) for _ in range(2))
+    first, second = (
+        build_report(made_up_result(), source="result.json", language=language) for _ in range(2)
+    )
     assert first.html == second.html
     assert f'<html lang="{language}">' in first.html
 
@@ -109,7 +114,11 @@ def test_what_a_stranger_wrote_stays_text() -> None:
     hostile = Finding(code=HOSTILE, severity="error", text=HOSTILE)
     result.setups[HOSTILE] = SetupReport(kind=HOSTILE)
     object.__setattr__(result, "findings", (hostile,))
-    exported = [Exported(controller=HOSTILE, files=(ExportedFile(name=HOSTILE, size_bytes=1, sha256=HOSTILE),))]
+    exported = [
+        Exported(
+            controller=HOSTILE, files=(ExportedFile(name=HOSTILE, size_bytes=1, sha256=HOSTILE),)
+        )
+    ]
     outline = Outline(build_report(result, source=HOSTILE, exported=exported).html)
     assert outline.tags.count("script") == 1
     assert "img" not in outline.tags
@@ -129,20 +138,31 @@ FOREIGN = (
 
 @pytest.mark.parametrize("value", FOREIGN)
 def test_foreign_extras_are_left_out(value: object) -> None:
-    """Entries that the contract does not fix may hold anything; the report is written all the same."""
-    extras = dict.fromkeys(("survey", "conditions", "budget", "fit", "closure_um", "scale_sum_um"), value)
+    """Entries that the contract does not fix may hold anything; the report is written all the
+    same."""
+    extras = dict.fromkeys(
+        ("survey", "conditions", "budget", "fit", "closure_um", "scale_sum_um"), value
+    )
     assert "<h1>" in build_report(made_up_result(**extras), source="r").html
 
 
 def test_every_figure_says_its_numbers() -> None:
-    """The CSV of a function holds its values and standard uncertainties to a femtometre, inside the HTML too."""
+    """The CSV of a function holds its values and standard uncertainties to a femtometre, inside the
+    HTML too."""
     result = made_up_result()
     report = build_report(result, source="r")
     figure = next(one for one in report.figures if one.name == "EYX")
     rows = list(csv.DictReader(io.StringIO(figure.table)))
-    np.testing.assert_allclose([float(row["EYX_um"]) for row in rows], result.errors["EYX"].value, rtol=0, atol=1e-9)
-    np.testing.assert_allclose([float(row["u_um"]) for row in rows], result.errors["EYX"].u, rtol=0, atol=1e-9)
-    inside = [base64.b64decode(address.split(",")[1]).decode() for address in Outline(report.html).addresses]
+    np.testing.assert_allclose(
+        [float(row["EYX_um"]) for row in rows], result.errors["EYX"].value, rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        [float(row["u_um"]) for row in rows], result.errors["EYX"].u, rtol=0, atol=1e-9
+    )
+    inside = [
+        base64.b64decode(address.split(",")[1]).decode()
+        for address in Outline(report.html).addresses
+    ]
     assert inside == [one.table for one in report.figures]
     assert {"EXX", "field-before"} <= {one.name for one in report.figures}
 
@@ -151,7 +171,8 @@ KINDS = (sloped, shape, reversal, backlash)
 
 
 def drawn_points(figure: Figure) -> int:
-    """Return how many values the CSV of a figure has in its drawing: slices draw three of five layers."""
+    """Return how many values the CSV of a figure has in its drawing: slices draw three of five
+    layers."""
     rows = list(csv.DictReader(io.StringIO(figure.table)))
     if figure.name.endswith("-slices"):
         return len(rows) * 3 // LATTICE
@@ -160,11 +181,14 @@ def drawn_points(figure: Figure) -> int:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
-    """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
+    """Whatever is drawn in the document has a value at each of its points, in the numbers of the
+    language, and its CSV beside it."""
     result, readings = golden()
     result = replace(result, **members(closure_um={"x": [0.0, 1.0, 2.0]}))
     exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
-    report = build_report(result, source="r", readings=readings, exported=exported, language=language)
+    report = build_report(
+        result, source="r", readings=readings, exported=exported, language=language
+    )
     kinds = {one.name.split("-")[0] for one in report.figures}
     assert {"EXX", "field", "setup", "closure"} <= kinds
     shown = re.findall(r'<figure id="figure-([^"]+)">(.*?)</figure>', report.html, re.DOTALL)
@@ -179,7 +203,9 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     ids = re.findall(r'\sid="([^"]*)"', report.html)
     assert len(ids) == len(set(ids)) >= len(figures), "no name stands twice"
     assert [one for one in ids if not one or re.search(r"\s", one)] == []
-    referred = re.findall(r'\s(?:href="#|aria-(?:labelledby|describedby|controls)="|for=")([^"]*)"', report.html)
+    referred = re.findall(
+        r'\s(?:href="#|aria-(?:labelledby|describedby|controls)="|for=")([^"]*)"', report.html
+    )
     assert set(" ".join(referred).split()) <= set(ids)
     told = next(markup for name, markup in shown if name == "EYX")
     assert ("± 0," in told or "± 1," in told) == (language == "de")
@@ -187,51 +213,90 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_budget_is_one_table_of_three_largest_sources(language: Language) -> None:
-    """U is twice the root of the sum of squares; each source stands with its share of the square of U."""
+    """U is twice the root of the sum of squares; each source stands with its share of the square of
+    U."""
     sources = {"reading": 0.4, "air": 0.3, "drift": 0.1, "wander": 0.05}
-    budget = {"shares": dict.fromkeys(("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS)), sources)}
+    budget = {
+        "shares": dict.fromkeys(("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS)), sources)
+    }
     result = replace(made_up_result(), **members(budget=budget))
     words = {**catalogue("common", language), **catalogue("report", language)}
     table = budget_table(result, {"EXX": "um", "X": "um/m", SCALE_SUM: "um"}, words)
     assert table is not None
     english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
     assert english & {row[0] for row in table.rows} == (english if language == "en" else set())
-    assert sorted(row[1] for row in table.rows) == sorted(["1.0 µm"] * (2 + len(KINDS)) + ["1.0 µm/m"])
-    assert {tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows} == {("61", "34", "4")}
+    assert sorted(row[1] for row in table.rows) == sorted(
+        ["1.0 µm"] * (2 + len(KINDS)) + ["1.0 µm/m"]
+    )
+    assert {tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows} == {
+        ("61", "34", "4")
+    }
     assert budget_table(made_up_result(), {}, words) is None
 
 
 LABORATORY = Laboratory(
-    certificate=Head(number="2026/'0042\\"), customer=Place(name="Works"), person=(Person(name="M. Muster", role="head"), Person(name="B")),
+    certificate=Head(number="2026/'0042\\"),
+    customer=Place(name="Works"),
+    person=(Person(name="M. Muster", role="head"), Person(name="B")),
     equipment=(Equipment(name="laser", serial="L-17"), Equipment(name="PTU300")),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_report_to_be_signed_names_number_persons_and_what_is_not_stated(language: Language) -> None:
+def test_report_to_be_signed_names_number_persons_and_what_is_not_stated(
+    language: Language,
+) -> None:
     words = catalogue("report", language)
     html = build_report(made_up_result(), source="r", laboratory=LABORATORY, language=language).html
     seen = Outline(html).words
-    for text in ("2026/'0042\\", "M. Muster", "head", "Works", "L-17", "PTU300", words["approval"], words["signature"]):
+    for text in (
+        "2026/'0042\\",
+        "M. Muster",
+        "head",
+        "Works",
+        "L-17",
+        "PTU300",
+        words["approval"],
+        words["signature"],
+    ):
         assert text in seen
     assert seen.count(words["compensation_unstated"]) >= 3, "serial number, operator, role of B"
-    assert "content: '2026\\00002f\\0000270042\\00005c'" in html, "no character of the number ends the string of the style"
+    assert "content: '2026\\00002f\\0000270042\\00005c'" in html, (
+        "no character of the number ends the string of the style"
+    )
     assert hashlib.sha256(made_up_result().to_json().encode()).hexdigest() in seen
 
 
 def test_report_states_who_and_what_as_the_certificate_does() -> None:
-    """What the laboratory's file states stands in place of what the survey file states; a laser without a certificate has none."""
-    survey = {"machine": "virtual", "customer": "Shop", "instrument": "old laser", "instrument_certificate": "D 1", "sensors": "hand-held"}
+    """What the laboratory's file states stands in place of what the survey file states; a laser
+    without a certificate has none."""
+    survey = {
+        "machine": "virtual",
+        "customer": "Shop",
+        "instrument": "old laser",
+        "instrument_certificate": "D 1",
+        "sensors": "hand-held",
+    }
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     rows = dict(
         facts_table(
             made_up_result(survey=survey),
             words,
-            Laboratory(item=Item(name="Mill 7"), customer=LABORATORY.customer, equipment=LABORATORY.equipment),
+            Laboratory(
+                item=Item(name="Mill 7"),
+                customer=LABORATORY.customer,
+                equipment=LABORATORY.equipment,
+            ),
         ).rows
     )
     names = ("machine", "customer", "instrument", "instrument_certificate", "sensors")
-    assert [rows[words[name]].strip() for name in names] == ["Mill 7", "Works", "laser", "not stated", "PTU300"]
+    assert [rows[words[name]].strip() for name in names] == [
+        "Mill 7",
+        "Works",
+        "laser",
+        "not stated",
+        "PTU300",
+    ]
     rows = dict(facts_table(made_up_result(survey=survey), words).rows)
     assert [rows[words[name]] for name in names] == list(survey.values())
 
@@ -243,9 +308,14 @@ def test_report_without_a_laboratory_has_room_for_a_signature_and_no_number() ->
 
 
 def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
-    """As found, predicted, as left, tolerance, verdict: one row a figure; the printed largest vector is that of the interval alone."""
-    before = with_tolerance(solved(1), {"volumetric_rms_um": 5.0, "squareness_urad": 20.0, "EYX": 3.0})
-    later = with_tolerance(solved(2), {"volumetric_rms_um": 5.0, "squareness_urad": 20.0, "EYX": 3.0})
+    """As found, predicted, as left, tolerance, verdict: one row a figure; the printed largest
+    vector is that of the interval alone."""
+    before = with_tolerance(
+        solved(1), {"volumetric_rms_um": 5.0, "squareness_urad": 20.0, "EYX": 3.0}
+    )
+    later = with_tolerance(
+        solved(2), {"volumetric_rms_um": 5.0, "squareness_urad": 20.0, "EYX": 3.0}
+    )
     concluded = conclude(before)
     left = as_left("later", conclude(later), concluded.reach, later)
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
@@ -254,13 +324,18 @@ def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
     assert [len(row) for row in table.rows] == [6] * len(table.rows)
     by_name = {row[0].partition(" /")[0]: row for row in table.rows}
     rms = by_name["Volumetric error, rms (k = 2)"]
-    assert (rms[1], rms[4]) == (" … ".join(before.predicted.without_rigid_motion["before"].rms_um.shown()), "5")
+    assert (rms[1], rms[4]) == (
+        " … ".join(before.predicted.without_rigid_motion["before"].rms_um.shown()),
+        "5",
+    )
     assert rms[5].replace("\N{NO-BREAK SPACE}", " ") == (
         "as found: not conform (< 1 %); predicted: conform (> 99 %); as left: not conform (< 1 %)"
     )
     expanded = 2.0 * before.squareness["C0Y"].u
     assert by_name["C0Y"][2] == with_expanded(0.0, expanded)
-    assert by_name["C0Y"][3] == with_expanded(later.squareness["C0Y"].value, 2 * later.squareness["C0Y"].u).replace("-", "−")
+    assert by_name["C0Y"][3] == with_expanded(
+        later.squareness["C0Y"].value, 2 * later.squareness["C0Y"].u
+    ).replace("-", "−")
     assert "Range of EYX" in by_name
     plain = effect_table(solved(1), conclude(solved(1)).reach, None, words, "en")
     assert plain is not None
@@ -270,7 +345,8 @@ def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
 
 
 def test_what_a_pointer_finds_is_what_was_computed() -> None:
-    """At a node of a function: position, value and U (k = 2), never a minus nought; at a corner of the volume: place, vector and length."""
+    """At a node of a function: position, value and U (k = 2), never a minus nought; at a corner of
+    the volume: place, vector and length."""
     result = made_up_result(amplitude_um=8.0, u_um=0.4)
     function = result.errors["EYX"]
     assert function.value is not None
@@ -300,7 +376,8 @@ def test_the_band_is_twice_the_standard_uncertainty() -> None:
 
 
 def test_the_prediction_is_what_the_tables_leave() -> None:
-    """A control that takes away 80 % of the error leaves a fifth of it; the rigid motion counts for nothing."""
+    """A control that takes away 80 % of the error leaves a fifth of it; the rigid motion counts for
+    nothing."""
     result = made_up_result()
 
     def four_fifths(points: np.ndarray) -> np.ndarray:
@@ -309,25 +386,37 @@ def test_the_prediction_is_what_the_tables_leave() -> None:
     field = field_of(result, four_fifths)
     before, after = (np.linalg.norm(field[when], axis=1) for when in ("before_um", "after_um"))
     assert after.max() == pytest.approx(before.max() / 5)
-    html = build_report(result, source="r", exported=[Exported(controller="siemens", files=(), correction=four_fifths)]).html
+    html = build_report(
+        result,
+        source="r",
+        exported=[Exported(controller="siemens", files=(), correction=four_fifths)],
+    ).html
     assert "figure-field-after" in html
 
 
 def golden() -> tuple[Result, Readings]:
-    """Return the golden separable survey (reference data, section 11 of the theory) and its result."""
+    """Return the golden separable survey (reference data, section 11 of the theory) and its
+    result."""
     path = Path(__file__).parents[2] / "data" / "golden_stepdiag_separable.csv"
     readings = parse_readings(path.read_text(encoding="utf-8"), path.name)
     return solve(readings, method="least-squares"), readings
 
 
 def test_figures_of_the_standards_stand_in_the_report_with_their_uncertainty() -> None:
-    """On the points of each step diagonal, one run outward: E_up is the range of reading less way; the machine's figure is the largest."""
+    """On the points of each step diagonal, one run outward: E_up is the range of reading less way;
+    the machine's figure is the largest."""
     result, readings = golden()
     figures = standards_report(layout_of(readings, result))
     for name in ("ppp", "npp", "pnp", "ppn"):
-        rows = [row for row, setup in enumerate(readings.setup) if setup == name and readings.stop[row] % 3 == 0]
+        rows = [
+            row
+            for row, setup in enumerate(readings.setup)
+            if setup == name and readings.stop[row] % 3 == 0
+        ]
         way = np.linalg.norm(readings.position_mm[rows] - readings.position_mm[rows[0]], axis=1)
-        assert figures[name][0].E_up == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
+        assert figures[name][0].E_up == pytest.approx(
+            np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6
+        )
     html = build_report(result, source="r", readings=readings).html
     for name in ("ppp", "npp", "pnp", "ppn"):
         assert with_expanded(figures[name][0].E_up, figures[name][0].U["E_up"]) in html
@@ -335,7 +424,8 @@ def test_figures_of_the_standards_stand_in_the_report_with_their_uncertainty() -
 
 
 def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
-    """Out and back: the return pass starts where the outward pass ended, and ends at its own reversal."""
+    """Out and back: the return pass starts where the outward pass ended, and ends at its own
+    reversal."""
     result, readings = golden()
     rows = [row for row, setup in enumerate(readings.setup) if setup == "ppp"]
     back = rows[::-1]
@@ -345,14 +435,20 @@ def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
         pass_number=np.concatenate([readings.pass_number, np.full(len(back), 2)]),
         stop=np.concatenate([readings.stop, np.arange(len(back))]),
         position_mm=np.vstack([readings.position_mm, readings.position_mm[back]]),
-        reading_mm=np.concatenate([readings.reading_mm, readings.reading_mm[back] - readings.reading_mm[rows[-1]]]),
+        reading_mm=np.concatenate(
+            [readings.reading_mm, readings.reading_mm[back] - readings.reading_mm[rows[-1]]]
+        ),
         **{
             name: np.concatenate([getattr(readings, name), getattr(readings, name)[back]])
             for name in ("u_um", "temperature_c", "time_s", "zero", "turned")
         },
         beam_mm=np.vstack([readings.beam_mm, readings.beam_mm[back]]),
     )
-    figure = next(one for one in setup_figures(layout_of(returned, result), catalogue("report", "en")) if one.name == "setup-ppp")
+    figure = next(
+        one
+        for one in setup_figures(layout_of(returned, result), catalogue("report", "en"))
+        if one.name == "setup-ppp"
+    )
     there, back_again = (re.findall(rf'class="line s{order}"', figure.drawing) for order in (0, 1))
     assert len(there) == len(back_again) == 2
     paths = re.findall(r'<path d="M([^"]+)" class="line s[01]"/>', figure.drawing)[:2]
@@ -360,13 +456,16 @@ def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
 
 
 def test_conditions_are_ranges_and_each_is_said_once() -> None:
-    """The result carries least and largest; where it does, the readings' own temperatures do not repeat it."""
+    """The result carries least and largest; where it does, the readings' own temperatures do not
+    repeat it."""
     _, readings = golden()
     readings = replace(readings, temperature_c=np.linspace(21.0, 23.0, len(readings.stop)))
     told = {"material_temperature_c": [21.0, 23.0], "air_pressure_hpa": [1013.0, 1013.0]}
     pressure = ("air pressure / hPa", "1013.00")
     for conditions, rows in ((told, [pressure]), ({}, [])):
-        table = conditions_table(made_up_result(conditions=conditions), readings, catalogue("report", "en"))
+        table = conditions_table(
+            made_up_result(conditions=conditions), readings, catalogue("report", "en")
+        )
         assert sorted(row for row in table.rows if "temp" in row[0] or "press" in row[0]) == [
             *rows,
             ("material temperature / °C", "21.00 … 23.00"),
@@ -377,7 +476,9 @@ def test_what_is_not_identified_is_said_and_not_drawn() -> None:
     """A null squareness, scale or function is named; none is printed as a number."""
     result = made_up_result()
     result.squareness["C0Y"] = type(result.squareness["C0Y"])(value=None, u=None)
-    result.errors["EYX"] = type(result.errors["EYX"])(position_mm=VOLUME.nodes_mm(0), value=None, u=None, unit="um")
+    result.errors["EYX"] = type(result.errors["EYX"])(
+        position_mm=VOLUME.nodes_mm(0), value=None, u=None, unit="um"
+    )
     report = build_report(result, source="r")
     words = Outline(report.html).words
     assert "EYX" not in {one.name for one in report.figures}
@@ -394,7 +495,9 @@ def test_the_lattice_is_seen_from_the_front() -> None:
     np.testing.assert_allclose(points[[0, -1]], [[0, 0, -300], [500, 400, 0]])
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-7.3, 12.9), (0.0, 1e-4), (-2e5, 3.0), (4.0, 4.001)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.0, 1.0), (-7.3, 12.9), (0.0, 1e-4), (-2e5, 3.0), (4.0, 4.001)]
+)
 def test_ticks_cover_the_range_with_round_steps(low: float, high: float) -> None:
     """1, 2 or 5 times a power of ten, between 4 and 12 of them."""
     marks = ticks(low, high)
@@ -411,14 +514,26 @@ def test_the_catalogue_speaks_both_languages() -> None:
         english, german = (catalogue(section, language) for language in LANGUAGES)
         assert english.keys() == german.keys()
         for key, words in english.items():
-            assert sorted(re.findall(r"\{\w+\}", words)) == sorted(re.findall(r"\{\w+\}", german[key])), key
+            assert sorted(re.findall(r"\{\w+\}", words)) == sorted(
+                re.findall(r"\{\w+\}", german[key])
+            ), key
 
 
 def test_the_command_writes_a_folder(tmp_path: Path) -> None:
-    """``report RESULT FILE --out DIR`` writes the HTML and every figure, and lists the file with its hash."""
+    """``report RESULT FILE --out DIR`` writes the HTML and every figure, and lists the file with
+    its hash."""
     (tmp_path / "result.json").write_text(made_up_result().to_json(), encoding="utf-8")
     (tmp_path / "EEC.SPF").write_bytes(b"abc")
-    done = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), str(tmp_path / "EEC.SPF"), "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(
+        build(),
+        [
+            "report",
+            str(tmp_path / "result.json"),
+            str(tmp_path / "EEC.SPF"),
+            "--out",
+            str(tmp_path / "out"),
+        ],
+    )
     assert done.exit_code == 0, done.output
     html = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" in html
@@ -435,11 +550,19 @@ def test_a_foreign_result_is_refused(tmp_path: Path, data: bytes) -> None:
 
 def survey_facts(**more: str) -> dict[str, str]:
     """Return what a survey says of itself."""
-    return {"machine": "VM 500", "customer": "Werk Süd", "operator": "A", "instrument": "laser", "instrument_serial": "17", **more}
+    return {
+        "machine": "VM 500",
+        "customer": "Werk Süd",
+        "operator": "A",
+        "instrument": "laser",
+        "instrument_serial": "17",
+        **more,
+    }
 
 
 def test_the_first_page_says_who_what_and_with_what() -> None:
-    """Customer, machine, instrument, conventions and the volume as found, predicted and as left stand before everything else."""
+    """Customer, machine, instrument, conventions and the volume as found, predicted and as left
+    stand before everything else."""
     html = build_report(made_up_result(survey=survey_facts()), source="r").html
     first = html[html.index("<main>") : html.index("Error functions")]
     for word in (
@@ -460,7 +583,10 @@ def test_a_german_report_writes_commas_and_keeps_versions_and_hashes() -> None:
     """Numbers between tags get a comma; software, file names and hashes do not."""
     listed = ExportedFile(name="AX.1.5.INI", size_bytes=12, sha256="0.5" + "a" * 61)
     html = build_report(
-        made_up_result(), source="r.1.2.json", exported=[Exported(controller="siemens", files=(listed,))], language="de"
+        made_up_result(),
+        source="r.1.2.json",
+        exported=[Exported(controller="siemens", files=(listed,))],
+        language="de",
     ).html
     assert "<td>20,00</td>" in html
     assert "0.1.0" in html
@@ -475,23 +601,42 @@ def test_a_wavelength_keeps_its_digits() -> None:
 
 
 def test_the_annex_lists_the_sources_with_their_hashes(tmp_path: Path) -> None:
-    """Those that the result names, wherever they stand; a result that names none has no such table."""
+    """Those that the result names, wherever they stand; a result that names none has no such
+    table."""
     result = made_up_result()
     assert "<h3>Sources</h3>" not in build_report(result, source="result.json").html
-    sources = tuple(Source(role="log", name=f"000{count}.mcap", sha256=str(count) * 64) for count in (1, 2))
+    sources = tuple(
+        Source(role="log", name=f"000{count}.mcap", sha256=str(count) * 64) for count in (1, 2)
+    )
     html = build_report(replace(result, sources=sources), source="result.json").html
-    assert 0 < html.index("0001.mcap") < html.index("1" * 64) < html.index("0002.mcap") < html.index("2" * 64)
+    assert (
+        0
+        < html.index("0001.mcap")
+        < html.index("1" * 64)
+        < html.index("0002.mcap")
+        < html.index("2" * 64)
+    )
 
 
 def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
-    """The survey after loading closes the certificate; that of another machine is refused by name."""
+    """The survey after loading closes the certificate; that of another machine is refused by
+    name."""
     paths = {}
-    for name, amplitude, machine in (("before", 8.0, "VM 500"), ("after", 1.0, "VM 500"), ("other", 1.0, "VM 700")):
+    for name, amplitude, machine in (
+        ("before", 8.0, "VM 500"),
+        ("after", 1.0, "VM 500"),
+        ("other", 1.0, "VM 700"),
+    ):
         paths[name] = tmp_path / f"{name}.json"
-        result = made_up_result(amplitude_um=amplitude, scales=True, survey=survey_facts(machine=machine))
+        result = made_up_result(
+            amplitude_um=amplitude, scales=True, survey=survey_facts(machine=machine)
+        )
         paths[name].write_text(result.to_json(), encoding="utf-8")
     out = tmp_path / "report.html"
-    run = CliRunner().invoke(build(), ["report", str(paths["before"]), "--as-left", str(paths["after"]), "--out", str(out)])
+    run = CliRunner().invoke(
+        build(),
+        ["report", str(paths["before"]), "--as-left", str(paths["after"]), "--out", str(out)],
+    )
     assert run.exit_code == 0, run.output
     html = out.read_text(encoding="utf-8")
     assert "Measured again after loading" in html
@@ -505,16 +650,26 @@ def test_conclusion_of_a_survey_after_loading_has_its_verdict_and_no_step_before
     known = conclude(before)
     left = as_left("later", conclude(before), known.reach, before)
     alone, closed = (build_report(before, source="r", left=one).html for one in (None, left))
-    assert ("As left, measured again: conform." in closed, "As left, measured again" in alone) == (True, False)
+    assert ("As left, measured again: conform." in closed, "As left, measured again" in alone) == (
+        True,
+        False,
+    )
     assert ("<h3>Next step</h3>" in closed, "<h3>Next step</h3>" in alone) == (False, True)
-    assert ("as left (not measured yet)" in closed, "as left (not measured yet)" in alone) == (False, True)
+    assert ("as left (not measured yet)" in closed, "as left (not measured yet)" in alone) == (
+        False,
+        True,
+    )
 
 
 def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
     """Company, address and logo stand in the document itself; what is no picture is refused."""
-    (tmp_path / "logo.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>', encoding="utf-8")
+    (tmp_path / "logo.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"/>', encoding="utf-8"
+    )
     settings = tmp_path / "us.toml"
-    settings.write_text('company = "Messdienst"\naddress = "Weg 1\\nOrt"\nlogo = "logo.svg"\n', encoding="utf-8")
+    settings.write_text(
+        'company = "Messdienst"\naddress = "Weg 1\\nOrt"\nlogo = "logo.svg"\n', encoding="utf-8"
+    )
     html = build_report(made_up_result(), source="r", letterhead=read_letterhead(settings)).html
     assert "Messdienst" in html
     assert 'src="data:image/svg+xml;base64,' in html
@@ -523,12 +678,19 @@ def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
         read_letterhead(settings)
 
 
-@pytest.mark.parametrize(("language", "off", "unstated"), [("en", "off", "not stated"), ("de", "aus", "nicht angegeben")])
-def test_what_was_active_while_measuring_stands_in_the_report(language: str, off: str, unstated: str) -> None:
-    """State, files with their hashes, when and how they were read out; nothing where the survey says nothing."""
+@pytest.mark.parametrize(
+    ("language", "off", "unstated"), [("en", "off", "not stated"), ("de", "aus", "nicht angegeben")]
+)
+def test_what_was_active_while_measuring_stands_in_the_report(
+    language: str, off: str, unstated: str
+) -> None:
+    """State, files with their hashes, when and how they were read out; nothing where the survey
+    says nothing."""
     words = {**catalogue("common", language), **catalogue("report", language)}
     said = {
-        state: dict(facts_table(replace(made_up_result(), survey=statement.facts()), words).rows)[words["compensation"]]
+        state: dict(facts_table(replace(made_up_result(), survey=statement.facts()), words).rows)[
+            words["compensation"]
+        ]
         for state, statement in (
             ("off", Statement(state="off")),
             ("on", stated("on", {"A.INI": b"table"}, date(2026, 1, 31), "archive")),
@@ -541,8 +703,13 @@ def test_what_was_active_while_measuring_stands_in_the_report(language: str, off
 
 def test_a_report_named_like_another_file_makes_no_folder(tmp_path: Path) -> None:
     """A folder is one whose name says nothing of a file."""
-    with pytest.raises(UsageError, match=r"expected FILE\.html, FILE\.pdf, or a folder, found the name of a \.csv file"):
+    with pytest.raises(
+        UsageError,
+        match=r"expected FILE\.html, FILE\.pdf, or a folder, found the name of a \.csv file",
+    ):
         write_report(build_report(made_up_result(), source="result.json"), tmp_path / "x.csv")
     assert list(tmp_path.iterdir()) == []
-    written = write_report(build_report(made_up_result(), source="result.json"), tmp_path / "mill.2026")
+    written = write_report(
+        build_report(made_up_result(), source="result.json"), tmp_path / "mill.2026"
+    )
     assert written[0] == tmp_path / "mill.2026" / "report.html"

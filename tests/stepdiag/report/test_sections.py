@@ -8,27 +8,59 @@ from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import StandardFigures
 from stepdiag.report.certificate import bound_words, interval_words
 from stepdiag.report.document import build_report
-from stepdiag.report.sections import lengths_table, positioning_lengths, positioning_table, setups_table, slips_table, vdi_table
+from stepdiag.report.sections import (
+    lengths_table,
+    positioning_lengths,
+    positioning_table,
+    setups_table,
+    slips_table,
+    vdi_table,
+)
 from stepdiag.texts.texts import LANGUAGES, catalogue
 from testkit.exact.madeup import made_up_result
 from testkit.exact.members import members, setups
 
 SCALES = {axis: {"value": 1.0, "u": 0.5} for axis in "XYZ"}
 WARM = {axis: {"value": 41.95, "u": 0.5} for axis in "XYZ"}
-ISO = {"standard": "ISO 230-2:2014", "lengths": "as measured", "runs": 5, "E": 7.0, "B": 3.0, "U": {"E": 1.0, "B": 0.5}}
-VDI = {"standard": "VDI/DGQ 3441:1977", "P": 7.5, "Pa": 4.0, "U_max": 3.0, "U_mean": 2.9, "Ps_max": 0.4, "Ps_mean": 0.3}
+ISO = {
+    "standard": "ISO 230-2:2014",
+    "lengths": "as measured",
+    "runs": 5,
+    "E": 7.0,
+    "B": 3.0,
+    "U": {"E": 1.0, "B": 0.5},
+}
+VDI = {
+    "standard": "VDI/DGQ 3441:1977",
+    "P": 7.5,
+    "Pa": 4.0,
+    "U_max": 3.0,
+    "U_mean": 2.9,
+    "Ps_max": 0.4,
+    "Ps_mean": 0.3,
+}
 
 
 def standards_of(given: dict[str, object]) -> dict[str, tuple[StandardFigures, ...]]:
     """Return figures of the standards from their JSON, with what every figure has."""
-    rows = {name: [{"source_status": "", **one} for one in found] if isinstance(found, list) else found for name, found in given.items()}
+    rows = {
+        name: [{"source_status": "", **one} for one in found] if isinstance(found, list) else found
+        for name, found in given.items()
+    }
     return members(standards=rows)["standards"]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_lengths_stand_both_ways_and_those_in_the_tables_are_marked(language):
     words = {**catalogue("common", language), **catalogue("report", language)}
-    extra = {"lengths": {"tables": "at_20_c", "material_c": [23.5] * 3, "at_20_c": SCALES, "as_measured": WARM}}
+    extra = {
+        "lengths": {
+            "tables": "at_20_c",
+            "material_c": [23.5] * 3,
+            "at_20_c": SCALES,
+            "as_measured": WARM,
+        }
+    }
     table = lengths_table(replace(made_up_result(), **members(**extra)), words)
     assert table.rows[0] == ("X", "42.0 ± 1.0", "1.0 ± 1.0")
     marked = [words["in_tables"] in heading for heading in table.header]
@@ -42,7 +74,11 @@ def test_linear_figures_stand_with_u_and_the_lengths_they_are_of_are_said_once()
     row, _ = positioning_table(standards, words).rows
     assert row == ("linear-x", "ISO 230-2:2014", "5", "7.0 ± 1.0", "3.00 ± 0.50")
     assert positioning_lengths(standards, words) == "lengths as measured"
-    assert positioning_lengths(standards_of({"linear-x": [VDI]}), words) == positioning_lengths({}, words) == ""
+    assert (
+        positioning_lengths(standards_of({"linear-x": [VDI]}), words)
+        == positioning_lengths({}, words)
+        == ""
+    )
 
 
 def test_lengths_that_differ_stand_in_the_rows_they_are_of():
@@ -63,7 +99,8 @@ def test_vdi_3441_stands_beside_where_a_run_has_it():
 
 
 def test_the_largest_vector_is_a_bound() -> None:
-    """As the conclusion says it: at most. How small it may be is no promise; without an interval it is at least what was found."""
+    """As the conclusion says it: at most. How small it may be is no promise; without an interval it
+    is at least what was found."""
     sure = Interval(value_um=4.4, low_um=3.0, high_um=6.2)
     assert (bound_words(sure), interval_words(sure)) == ("≤ 6.2", "3.0 … 6.2")
     assert bound_words(Interval(value_um=4.4)) == interval_words(Interval(value_um=4.4)) == "≥ 4.4"
@@ -77,9 +114,18 @@ def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_t
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     blind = {**SLIP, "setup": "linear-x", "half_um": None, "nearly_um": None, "volume_um": None}
     result = replace(made_up_result(), **members(unseen_slip={"diagonals": SLIP, "runs": blind}))
-    assert slips_table(result, words).rows == [("npp/1/4", "2.5", "4.0", "1.2"), ("linear-x/1/4", "–", "–", "–")]
+    assert slips_table(result, words).rows == [
+        ("npp/1/4", "2.5", "4.0", "1.2"),
+        ("linear-x/1/4", "–", "–", "–"),
+    ]
     assert slips_table(made_up_result(), words) is None
-    assert slips_table(replace(made_up_result(), **members(unseen_slip={"diagonals": "nonsense", "runs": {}})), words) is None
+    assert (
+        slips_table(
+            replace(made_up_result(), **members(unseen_slip={"diagonals": "nonsense", "runs": {}})),
+            words,
+        )
+        is None
+    )
     assert "npp/1/4" in build_report(result, source="result.json").html
 
 
@@ -87,7 +133,10 @@ def test_a_column_that_no_setup_fills_is_left_out():
     """Without a way back no drift is known: the column stood there empty."""
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     once = setups(ppp={"drift": [], "residual_um": 0.1}, npp={"drift": [], "residual_um": 0.2})
-    assert setups_table(replace(made_up_result(), setups=once), words).header == (words["setup"], "residual / µm")
+    assert setups_table(replace(made_up_result(), setups=once), words).header == (
+        words["setup"],
+        "residual / µm",
+    )
     drift = {"pair": 1, "rate": 0.5, "unit": "um/stop", "total_um": 0.5, "u_um": 0.1}
     both = {**once, **setups(npp={"drift": [drift], "residual_um": 0.2})}
     rows = setups_table(replace(made_up_result(), setups=both), words).rows

@@ -1,4 +1,5 @@
-"""A terminal that has ASCII alone: what a command has to say is said as UTF-8, which loses nothing, or refused in words; no traceback."""
+"""A terminal that has ASCII alone: what a command has to say is said as UTF-8, which loses nothing,
+or refused in words; no traceback."""
 
 import os
 import sys
@@ -20,8 +21,15 @@ COMMANDS = {
     "help": ("--help",),
     "help of a command": ("solve", "--help"),
     "what there is not": ("solve", "\u4e09.csv"),
-} | {f"{command[0]} help": (*command, "--help") for command in (("check",), ("setup",), ("fleet",), ("trend",), ("demo",), ("begin",))}
-DOORS = {" ".join(word for word in door.command[:2] if word.isalpha()): door for door in doors().values() if door.reads is None}
+} | {
+    f"{command[0]} help": (*command, "--help")
+    for command in (("check",), ("setup",), ("fleet",), ("trend",), ("demo",), ("begin",))
+}
+DOORS = {
+    " ".join(word for word in door.command[:2] if word.isalpha()): door
+    for door in doors().values()
+    if door.reads is None
+}
 """One door a command that is given files."""
 
 
@@ -45,7 +53,8 @@ def test_a_command_without_files_too(name: str, tmp_path: Path) -> None:
 
 
 def on_ascii(door: Door, folder: Path, encoding: str = "ascii") -> tuple[int, bytes]:
-    """Run a command in a copy of this process whose output takes ASCII alone; return its exit code and all that was said."""
+    """Run a command in a copy of this process whose output takes ASCII alone; return its exit code
+    and all that was said."""
     door.place(folder)
     child = os.fork()
     if child == 0:
@@ -59,7 +68,8 @@ def on_ascii(door: Door, folder: Path, encoding: str = "ascii") -> tuple[int, by
 
 
 def _entered(door: Door, folder: Path, encoding: str) -> int:
-    """Go in where the program begins, with the streams that Python makes for LC_ALL=C: refusals may always be written."""
+    """Go in where the program begins, with the streams that Python makes for LC_ALL=C: refusals may
+    always be written."""
     said = os.open(folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(said, 1)
     os.dup2(said, 2)

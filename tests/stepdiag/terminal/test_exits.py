@@ -10,10 +10,19 @@ import pytest
 STEPDIAG = (sys.executable, "-m", "stepdiag")
 
 
-def run(*arguments: object, out: object = subprocess.PIPE, **environment: str) -> subprocess.CompletedProcess[bytes]:
+def run(
+    *arguments: object, out: object = subprocess.PIPE, **environment: str
+) -> subprocess.CompletedProcess[bytes]:
     """Run the program."""
     command = [*STEPDIAG, *map(str, arguments)]
-    return subprocess.run(command, stdout=out, stderr=subprocess.PIPE, env={**os.environ, **environment}, timeout=120, check=False)  # type: ignore[call-overload,no-any-return]
+    return subprocess.run(
+        command,
+        stdout=out,
+        stderr=subprocess.PIPE,
+        env={**os.environ, **environment},
+        timeout=120,
+        check=False,
+    )  # type: ignore[call-overload,no-any-return]
 
 
 def assert_refused(done: subprocess.CompletedProcess[bytes], words: bytes) -> None:
@@ -22,7 +31,9 @@ def assert_refused(done: subprocess.CompletedProcess[bytes], words: bytes) -> No
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("init", "a.toml"), ("plan", "--help")])
-def test_a_full_disk_behind_the_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
+def test_a_full_disk_behind_the_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
     monkeypatch.chdir(tmp_path)
     with Path("/dev/full").open("wb") as full:
         assert_refused(run(*arguments, out=full), b"No space left on device")
@@ -31,7 +42,9 @@ def test_a_full_disk_behind_the_output(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     """/proc takes no files, not even from root."""
     readings = tmp_path / "r.csv"
-    readings.write_text("setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n" + "ppp,1,0,0,0,0,0\n", encoding="utf-8")
+    readings.write_text(
+        "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n" + "ppp,1,0,0,0,0,0\n", encoding="utf-8"
+    )
     assert_refused(run("init", "/proc/survey.toml"), b"/proc/survey.toml")
     assert_refused(run("demo", "--out", "/proc/demo"), b"/proc/demo")
 
@@ -46,7 +59,9 @@ def test_who_reads_no_further_is_no_error(tmp_path: Path) -> None:
     assert done.returncode in (0, 1)
 
 
-def test_nothing_cut_is_left_where_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_cut_is_left_where_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A survey file is there whole or not at all."""
     from stepdiag.base import files
     from stepdiag.base.disk import part

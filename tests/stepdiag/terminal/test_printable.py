@@ -17,7 +17,9 @@ TITLE = "\x1b]0;owned\x07"
 """Sets the title of a terminal's window."""
 
 
-@pytest.mark.parametrize(("text", "shown"), [("plain ä\nµm", "plain ä\nµm"), (f"a{TITLE}b\r\x9b2J", "a?]0;owned?b??2J")])
+@pytest.mark.parametrize(
+    ("text", "shown"), [("plain ä\nµm", "plain ä\nµm"), (f"a{TITLE}b\r\x9b2J", "a?]0;owned?b??2J")]
+)
 def test_what_a_terminal_would_obey_is_shown_as_a_question(text, shown):
     assert printable(text) == shown
 
@@ -33,6 +35,10 @@ def test_a_refusal_that_quotes_a_foreign_file_cannot_steer_the_terminal(monkeypa
 
 
 def test_findings_and_foreign_logs_cannot_either(tmp_path: Path):
-    assert list(finding_lines([Finding(code="a", severity="info", text=TITLE)])) == ["note    a: ?]0;owned?"]
-    write_log(tmp_path / "0001.mcap", recording(0.1), header=replace(HEADER, run={"machine": TITLE}))
+    assert list(finding_lines([Finding(code="a", severity="info", text=TITLE)])) == [
+        "note    a: ?]0;owned?"
+    ]
+    write_log(
+        tmp_path / "0001.mcap", recording(0.1), header=replace(HEADER, run={"machine": TITLE})
+    )
     assert "\x1b" not in stepdiag("info", tmp_path / "0001.mcap").out

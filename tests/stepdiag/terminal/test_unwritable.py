@@ -21,12 +21,15 @@ REFUSED, OTHERWISE = 2, 70
 COMMANDS = {
     " ".join(word for word in door.command[:2] if word.isalpha()): door
     for name, door in doors().items()
-    if name not in NEVER_DONE and ("--out" in door.command or door.command[0] in {"accept", "service"})
+    if name not in NEVER_DONE
+    and ("--out" in door.command or door.command[0] in {"accept", "service"})
 }
 """One door a command that writes."""
 READINGS = render_readings(Bench(increments=2).survey())
 SEVERAL = COMMANDS | {
-    "report, a folder": replace(COMMANDS["report"], command=("report", "r.json", "--out", "sheets")),
+    "report, a folder": replace(
+        COMMANDS["report"], command=("report", "r.json", "--out", "sheets")
+    ),
     "rtl, three runs": replace(COMMANDS["rtl"], files={"r.csv": READINGS}),
 }
 """Commands that write more than one file, beside the others."""
@@ -45,7 +48,9 @@ def test_a_full_disk_ends_in_words(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", SEVERAL)
-def test_a_disk_that_is_full_at_the_last_file_leaves_all_files_or_none(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_full_at_the_last_file_leaves_all_files_or_none(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The last sync of a command fails: what it wrote before is not left alone."""
     door, synced = SEVERAL[name], mmap.mmap(-1, 2)
     usual = os.fsync
@@ -62,7 +67,9 @@ def test_a_disk_that_is_full_at_the_last_file_leaves_all_files_or_none(name: str
         door.place(tmp_path / folder)
         before = files_below(tmp_path / folder)
         synced[1], synced[0] = synced[0], 0
-        assert ended(door, tmp_path / folder, resource.RLIM_INFINITY) == (REFUSED if synced[1] else 100)
+        assert ended(door, tmp_path / folder, resource.RLIM_INFINITY) == (
+            REFUSED if synced[1] else 100
+        )
         found.append(files_below(tmp_path / folder))
     assert len(found[0]) > len(before) or name == "accept"
     if name in GOES_ON:
@@ -72,7 +79,8 @@ def test_a_disk_that_is_full_at_the_last_file_leaves_all_files_or_none(name: str
 
 
 def ended(door: Door, folder: Path, largest: int = 0) -> int:
-    """Run the command in a copy of this process whose files grow no larger; return `REFUSED` for words, as the entry gives them."""
+    """Run the command in a copy of this process whose files grow no larger; return `REFUSED` for
+    words, as the entry gives them."""
     child = os.fork()
     if child == 0:
         code = OTHERWISE
@@ -96,4 +104,8 @@ def _without_room(door: Door, folder: Path, largest: int) -> int:
 
 def files_below(folder: Path) -> dict[str, int]:
     """Return every file with its size; folders without files do not count."""
-    return {str(path.relative_to(folder)): path.stat().st_size for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.stat().st_size
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }

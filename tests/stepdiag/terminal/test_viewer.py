@@ -1,4 +1,5 @@
-"""The terminal's language: that of the environment, for refusals, findings, tables and the conclusion."""
+"""The terminal's language: that of the environment, for refusals, findings, tables and the
+conclusion."""
 
 import shutil
 from pathlib import Path
@@ -33,7 +34,8 @@ def test_the_language_is_the_one_that_posix_names(given, language, monkeypatch):
 
 
 def test_a_result_is_german_where_the_terminal_is(tmp_path, monkeypatch):
-    """No English word in any line, figures with a decimal comma; the numbers for programs stay as they are."""
+    """No English word in any line, figures with a decimal comma; the numbers for programs stay as
+    they are."""
     readings = tmp_path / "readings.csv"
     shutil.copy(GOLDEN, readings)
     for name in ("LC_MESSAGES", "LANG"):

@@ -1,4 +1,5 @@
-"""Every code that the program can say is explained to a person, in the documentation and in both languages of the page."""
+"""Every code that the program can say is explained to a person, in the documentation and in both
+languages of the page."""
 
 import ast
 import re
@@ -19,7 +20,11 @@ ROOT = Path(__file__).parents[3]
 SOURCES = ("solver", "exporters", "daq", "stepdiag")
 SAYING = frozenset({"Finding", "SafetyError", "finding", "_error", "_warning", "_note", "_remark"})
 KEBAB = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+(\.[a-z0-9-]+)?")
-RENAMED = sorted(tomllib.loads((ROOT / "stepdiag" / "texts" / "findings.toml").read_text(encoding="utf-8"))["renamed"])
+RENAMED = sorted(
+    tomllib.loads((ROOT / "stepdiag" / "texts" / "findings.toml").read_text(encoding="utf-8"))[
+        "renamed"
+    ]
+)
 
 
 @cache
@@ -32,19 +37,33 @@ def _said() -> Iterator[tuple[str, str]]:
     for path in (path for folder in SOURCES for path in sorted((ROOT / folder).rglob("*.py"))):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call) and _name(call.func) in SAYING:
-                given = [keyword.value for keyword in call.keywords if keyword.arg == "code"] or call.args[:1]
-                yield from ((one.value, str(path.relative_to(ROOT))) for one in given if _is_code(one))
+                given = [
+                    keyword.value for keyword in call.keywords if keyword.arg == "code"
+                ] or call.args[:1]
+                yield from (
+                    (one.value, str(path.relative_to(ROOT))) for one in given if _is_code(one)
+                )
     for floor in FLOORS:
         for key in tables(floor)["finding"]:
             yield key, f"{floor}/messages"
 
 
 def _name(function: ast.expr) -> str:
-    return function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
+    return (
+        function.id
+        if isinstance(function, ast.Name)
+        else function.attr
+        if isinstance(function, ast.Attribute)
+        else ""
+    )
 
 
 def _is_code(value: ast.expr) -> bool:
-    return isinstance(value, ast.Constant) and isinstance(value.value, str) and bool(KEBAB.fullmatch(value.value))
+    return (
+        isinstance(value, ast.Constant)
+        and isinstance(value.value, str)
+        and bool(KEBAB.fullmatch(value.value))
+    )
 
 
 def test_the_search_finds_codes() -> None:
@@ -55,7 +74,8 @@ def test_the_search_finds_codes() -> None:
 
 @pytest.mark.parametrize("code", sorted({code.partition(".")[0] for code, _ in said()}))
 def test_every_code_is_explained(code: str) -> None:
-    """No code without cause, cost and action; its documentation is written from the same file (tools/findings)."""
+    """No code without cause, cost and action; its documentation is written from the same file
+    (tools/findings)."""
     assert explained(code) is not None
 
 
@@ -73,7 +93,12 @@ def test_an_explanation_is_whole(code: str, language: Language) -> None:
 
 def test_the_documentation_is_written_from_the_catalogue() -> None:
     """A word that changes in findings.toml changes docs/findings.md."""
-    done = run([ROOT / "tools" / "findings", "--check", "docs/findings.md"], check=False, capture_output=True, text=True)
+    done = run(
+        [ROOT / "tools" / "findings", "--check", "docs/findings.md"],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -92,8 +117,12 @@ def test_a_code_of_before_has_its_successor(old: str) -> None:
 
 def test_an_acceptance_of_before_counts() -> None:
     """An old name accepts what it accepted then, and no other finding of the same code."""
-    assert accepted("machine-file-differs", "machine-file-differs.increment", ["least-input-differs"])
-    assert not accepted("machine-file-differs", "machine-file-differs.diameters", ["least-input-differs"])
+    assert accepted(
+        "machine-file-differs", "machine-file-differs.increment", ["least-input-differs"]
+    )
+    assert not accepted(
+        "machine-file-differs", "machine-file-differs.diameters", ["least-input-differs"]
+    )
     assert accepted("old-table-lost", "old-table-lost.slope-of-table", ["old-slope-lost"])
     assert accepted("value-large", "value-large.lattice", ["value-large"])
     assert not accepted("value-large", "value-large", ["slope-steep"])

@@ -1,4 +1,5 @@
-"""A German reader reads German: report and page with findings of every code, refusals, what the system refuses, names of the budget."""
+"""A German reader reads German: report and page with findings of every code, refusals, what the
+system refuses, names of the budget."""
 
 import errno
 import html
@@ -46,14 +47,17 @@ MADE = [made(key) for key in sorted(findings())]
 
 
 def read_in(document: str) -> list[str]:
-    """Return the texts between the tags of a document, without style, script, names of files and hashes."""
+    """Return the texts between the tags of a document, without style, script, names of files and
+    hashes."""
     bare = re.sub(r"<(style|script|code|title)\b.*?</\1>", " ", document, flags=re.DOTALL)
     return [html.unescape(text).strip() for text in re.split(r"<[^<>]*>", bare) if text.strip()]
 
 
 def test_the_report_with_every_finding_is_german() -> None:
     """Findings of every code and variant, with their advice, tables, headings and the budget."""
-    result = made_up_result(budget={"assumptions": {}, "shares": {"EXX": {"wander": 0.1}}, "combined": {"EXX": 0.1}})
+    result = made_up_result(
+        budget={"assumptions": {}, "shares": {"EXX": {"wander": 0.1}}, "combined": {"EXX": 0.1}}
+    )
     result = replace(result, findings=tuple(MADE))
     document = build_report(result, source="r.json", language="de").html
     assert [text for text in read_in(document) if is_english(text)] == []
@@ -63,9 +67,16 @@ def test_the_report_with_every_finding_is_german() -> None:
 
 def test_the_page_with_every_finding_is_german() -> None:
     """Each with its place, its arguments and what to do."""
-    shown = [FindingStatus(code=one.code, severity=one.severity, text=one.text, message=one.message, at=PLACE) for one in MADE]
+    shown = [
+        FindingStatus(
+            code=one.code, severity=one.severity, text=one.text, message=one.message, at=PLACE
+        )
+        for one in MADE
+    ]
     entries = [entry for one in shown for entry in grouped([one])]
-    german = [text for entry in entries for text in (entry["sentence"]["de"], entry["advice"]["de"])]
+    german = [
+        text for entry in entries for text in (entry["sentence"]["de"], entry["advice"]["de"])
+    ]
     assert [text for text in german if is_english(text)] == []
     assert all(entry["sentence"]["de"].startswith("ppp hin, Messpunkt 5: ") for entry in entries)
     assert {entry["code"] for entry in entries} == {one.code for one in MADE}
@@ -81,7 +92,8 @@ def test_advice_is_german(code: str) -> None:
 def test_the_words_of_the_system_are_german() -> None:
     """A port that is gone, taken, or not allowed, with the very words of the system in English."""
     codes = (
-        "ENOENT EACCES EPERM EBUSY EAGAIN EIO ENODEV ENXIO ENOSPC EROFS ECONNREFUSED ECONNRESET ECONNABORTED EPIPE EHOSTUNREACH EHOSTDOWN"
+        "ENOENT EACCES EPERM EBUSY EAGAIN EIO ENODEV ENXIO ENOSPC EROFS ECONNREFUSED ECONNRESET "
+        "ECONNABORTED EPIPE EHOSTUNREACH EHOSTDOWN"
     )
     codes += " ENETUNREACH ENETDOWN ETIMEDOUT EINVAL ENOTTY EDQUOT"
     for code in (getattr(errno, name) for name in codes.split()):
@@ -101,7 +113,8 @@ def test_a_refusal_reads_in_german() -> None:
         remedy=message("try-again"),
     )
     assert rendered(refusal.message, "de") == (
-        "serielle Schnittstelle /dev/ttyUSB0: erwartet war eine Schnittstelle, die sich öffnen lässt, gefunden keine Berechtigung; "
+        "serielle Schnittstelle /dev/ttyUSB0: erwartet war eine Schnittstelle, die sich öffnen "
+        "lässt, gefunden keine Berechtigung; "
         "noch einmal versuchen"
     )
 
@@ -109,13 +122,35 @@ def test_a_refusal_reads_in_german() -> None:
 STEP = message("window-step", step_um=2.5)
 LOST = message("losses", causes=[message("beam-was-lost"), message("laser-head-error")])
 READ = [
-    message("pass-why", number=1, why=message("stops-without-start", stops="5, 6", why=LOST, again=message("again-from-or-whole", stop=4))),
+    message(
+        "pass-why",
+        number=1,
+        why=message(
+            "stops-without-start",
+            stops="5, 6",
+            why=LOST,
+            again=message("again-from-or-whole", stop=4),
+        ),
+    ),
     message("stops-misfit", stops="5", misfit_um=2.5),
     message("pass-why", number=1, why=message("stops-off", stops="5, 6", why=STEP, stop=2)),
-    joined([STEP, message("window-step.strays", wrong=25, count=40), message("laser-frozen", same=20, count=41)]),
-    at(Place(setup="ppp", way="back", stop=5, last=30), message("beam-lost", why=message("no-sample-for", seconds_s=2.5))),
+    joined(
+        [
+            STEP,
+            message("window-step.strays", wrong=25, count=40),
+            message("laser-frozen", same=20, count=41),
+        ]
+    ),
+    at(
+        Place(setup="ppp", way="back", stop=5, last=30),
+        message("beam-lost", why=message("no-sample-for", seconds_s=2.5)),
+    ),
     message("recording-gap", events=12, bytes=25, why=message("disk-slower")),
-    message("of-stream", stream=message("stream-laser"), what=message("samples-between", count=2, a=65203, b=65205)),
+    message(
+        "of-stream",
+        stream=message("stream-laser"),
+        what=message("samples-between", count=2, a=65203, b=65205),
+    ),
     message("bytes-lost-at", causes=[message("lost-framing", count=4)]),
 ]
 
@@ -129,7 +164,8 @@ def test_the_words_of_the_recorder_are_german_with_their_figures(words: Message)
 
 
 def test_the_budget_is_german() -> None:
-    """Every source, every assumption and every quantity of a solved survey has words of its own in German."""
+    """Every source, every assumption and every quantity of a solved survey has words of its own in
+    German."""
     result = solve(Bench(seed=5, increments=4).survey())
     assert result.budget is not None
     english, german = (catalogue("report", language) for language in ("en", "de"))
@@ -137,12 +173,17 @@ def test_the_budget_is_german() -> None:
         key = f"source_{source.replace(' ', '_')}"
         assert english[key] == source
         assert german[key]
-    assert all(isinstance(words, Message) and not is_english(rendered(words, "de")) for words in result.budget.assumptions.values())
+    assert all(
+        isinstance(words, Message) and not is_english(rendered(words, "de"))
+        for words in result.budget.assumptions.values()
+    )
 
 
 def test_an_old_text_stands_as_it_is() -> None:
     """Of a log or result that holds no message."""
-    old = Finding(code="count-slip", severity="warning", text="ppp out, stop 5 of 30: count slip of +1.9 µm")
+    old = Finding(
+        code="count-slip", severity="warning", text="ppp out, stop 5 of 30: count slip of +1.9 µm"
+    )
     assert in_words(old, "de") == old.text
     assert kept(old.text) == ""
 

@@ -1,11 +1,18 @@
-"""How the axes come to the stops: an axis that does not move keeps its place, and the registers show what the encoders see."""
+"""How the axes come to the stops: an axis that does not move keeps its place, and the registers
+show what the encoders see."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing, arrivals, standing_at_end
+from stepdiag.virtual.drive.arrivals import (
+    PositionRegisters,
+    Scatter,
+    Standing,
+    arrivals,
+    standing_at_end,
+)
 from stepdiag.virtual.drive.sequence import Box, driven_pass
 from stepdiag.virtual.drive.setups import Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import ErrorSet
@@ -19,13 +26,28 @@ ORDERS = st.sampled_from(["xyz", "yzx", "zyx"])
 
 
 def elsewhere():
-    return Standing(np.array([-10.0, 500.0, 50.0]), np.ones(3), np.array([0.1, 0.2, 0.3]), np.array([1.1, 1.2, 1.3]))
+    return Standing(
+        np.array([-10.0, 500.0, 50.0]),
+        np.ones(3),
+        np.array([0.1, 0.2, 0.3]),
+        np.array([1.1, 1.2, 1.3]),
+    )
 
 
-@given(setup=SETUPS, number=st.integers(1, 4), order=ORDERS, overrun=st.booleans(), seed=st.integers(0, 99))
-def test_an_axis_that_does_not_move_keeps_its_place_and_its_side(setup, number, order, overrun, seed):
+@given(
+    setup=SETUPS,
+    number=st.integers(1, 4),
+    order=ORDERS,
+    overrun=st.booleans(),
+    seed=st.integers(0, 99),
+)
+def test_an_axis_that_does_not_move_keeps_its_place_and_its_side(
+    setup, number, order, overrun, seed
+):
     driven = driven_pass(BOX, setup, number, order)
-    came = arrivals(driven, SCATTER, np.random.default_rng(seed), before=elsewhere(), overrun=overrun)
+    came = arrivals(
+        driven, SCATTER, np.random.default_rng(seed), before=elsewhere(), overrun=overrun
+    )
     moved = np.diff(driven.stop_mm, axis=0) != 0.0
     for values in (came.arrival_um, came.servo_um, came.side):
         assert np.all(np.diff(values, axis=0)[~moved] == 0.0)
@@ -38,23 +60,40 @@ def test_the_errors_of_arrival_have_the_sizes_of_their_axes():
     came = arrivals(driven, SCATTER, np.random.default_rng(1))
     moved = np.vstack([np.ones((1, 3), dtype=bool), np.diff(driven.stop_mm, axis=0) != 0.0])
     for axis in range(3):
-        assert np.std(came.arrival_um[moved[:, axis], axis]) == pytest.approx(SCATTER.arrival_um[axis], rel=0.05)
-        assert np.std(came.servo_um[moved[:, axis], axis]) == pytest.approx(SCATTER.servo_um[axis], rel=0.05)
+        assert np.std(came.arrival_um[moved[:, axis], axis]) == pytest.approx(
+            SCATTER.arrival_um[axis], rel=0.05
+        )
+        assert np.std(came.servo_um[moved[:, axis], axis]) == pytest.approx(
+            SCATTER.servo_um[axis], rel=0.05
+        )
 
 
 def test_with_overrun_every_axis_comes_to_the_first_stop_in_the_direction_of_the_pass():
-    came = arrivals(driven_pass(BOX, "npp", 1), SCATTER, np.random.default_rng(1), before=elsewhere(), overrun=True)
+    came = arrivals(
+        driven_pass(BOX, "npp", 1),
+        SCATTER,
+        np.random.default_rng(1),
+        before=elsewhere(),
+        overrun=True,
+    )
     assert came.side[0].tolist() == [-1.0, 1.0, 1.0]
     assert not np.any(np.isin(came.arrival_um[0], elsewhere().arrival_um))
 
 
 def test_without_overrun_the_axes_come_straight_from_where_they_stood():
-    came = arrivals(driven_pass(BOX, "ppp", 1), SCATTER, np.random.default_rng(1), before=elsewhere(), overrun=False)
+    came = arrivals(
+        driven_pass(BOX, "ppp", 1),
+        SCATTER,
+        np.random.default_rng(1),
+        before=elsewhere(),
+        overrun=False,
+    )
     assert came.side[0].tolist() == [1.0, -1.0, -1.0]
 
 
 def test_at_a_turn_without_overrun_nothing_moves():
-    """The return pass begins where the outward pass ended: the same sides, the same errors, until each axis moves."""
+    """The return pass begins where the outward pass ended: the same sides, the same errors, until
+    each axis moves."""
     rng = np.random.default_rng(1)
     out, back = driven_pass(BOX, "ppp", 1), driven_pass(BOX, "ppp", 2)
     went = arrivals(out, SCATTER, rng, before=elsewhere())
@@ -75,7 +114,9 @@ def test_a_run_along_one_axis_leaves_the_others_where_they_are():
 @given(setup=SETUPS, seed=st.integers(0, 99))
 def test_the_laser_sees_the_component_of_the_arrivals_along_the_beam(setup, seed):
     noisy = Conditions(scatter=SCATTER, seed=seed)
-    taken, ideal = (simulate_pass(PERFECT, BOX, setup, conditions=how) for how in (noisy, Conditions(seed=seed)))
+    taken, ideal = (
+        simulate_pass(PERFECT, BOX, setup, conditions=how) for how in (noisy, Conditions(seed=seed))
+    )
     came = arrivals(driven_pass(BOX, setup, 1), SCATTER, np.random.default_rng((seed, 1)))
     travel = ideal.position_mm[-1] - ideal.position_mm[0]
     along = came.off_mm @ (travel / np.linalg.norm(travel))
@@ -88,21 +129,36 @@ def test_commanded_registers_show_the_program_whatever_the_axes_do():
 
 
 def test_actual_registers_show_what_the_encoders_see_and_no_more():
-    """The error at standstill is in the register and in the reading; what is beyond the encoder is in the reading alone."""
-    seen = Conditions(scatter=Scatter(servo_um=(3.0, 3.0, 3.0)), registers=PositionRegisters(shows="actual"), seed=5)
+    """The error at standstill is in the register and in the reading; what is beyond the encoder is
+    in the reading alone."""
+    seen = Conditions(
+        scatter=Scatter(servo_um=(3.0, 3.0, 3.0)),
+        registers=PositionRegisters(shows="actual"),
+        seed=5,
+    )
     taken = simulate_pass(PERFECT, BOX, "ppp", conditions=seen)
     off = taken.position_mm - driven_pass(BOX, "ppp", 1).stop_mm
     assert np.std(off) == pytest.approx(3e-3, rel=0.5)
     travel = np.array(BOX.size_mm) / np.linalg.norm(BOX.size_mm)
     shown = taken.position_mm @ travel
     assert taken.reading_mm == pytest.approx(shown - shown[0], abs=1e-9)
-    unseen = Conditions(scatter=Scatter(arrival_um=(3.0, 3.0, 3.0)), registers=PositionRegisters(shows="actual"), seed=5)
-    assert simulate_pass(PERFECT, BOX, "ppp", conditions=unseen).position_mm.tolist() == driven_pass(BOX, "ppp", 1).stop_mm.tolist()
+    unseen = Conditions(
+        scatter=Scatter(arrival_um=(3.0, 3.0, 3.0)),
+        registers=PositionRegisters(shows="actual"),
+        seed=5,
+    )
+    assert (
+        simulate_pass(PERFECT, BOX, "ppp", conditions=unseen).position_mm.tolist()
+        == driven_pass(BOX, "ppp", 1).stop_mm.tolist()
+    )
 
 
 def test_registers_that_scatter_do_not_move_the_machine():
     how = Conditions(registers=PositionRegisters(shows="actual", scatter_um=2.0), seed=5)
-    taken, ideal = simulate_pass(PERFECT, BOX, "ppp", conditions=how), simulate_pass(PERFECT, BOX, "ppp")
+    taken, ideal = (
+        simulate_pass(PERFECT, BOX, "ppp", conditions=how),
+        simulate_pass(PERFECT, BOX, "ppp"),
+    )
     assert taken.reading_mm.tolist() == ideal.reading_mm.tolist()
     assert np.std(taken.position_mm - ideal.position_mm) == pytest.approx(2e-3, rel=0.4)
 

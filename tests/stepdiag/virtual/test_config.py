@@ -5,7 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepdiag.virtual.bench.building import alignment_of, build_drive, build_errors, build_machine, build_plan, setup_builder
+from stepdiag.virtual.bench.building import (
+    alignment_of,
+    build_drive,
+    build_errors,
+    build_machine,
+    build_plan,
+    setup_builder,
+)
 from stepdiag.virtual.bench.config import load_config, read_config
 
 FULL = """
@@ -69,10 +76,13 @@ def test_a_full_file_builds_its_machine():
 
 
 def test_backlash_is_lost_motion():
-    """An axis with 3 µm of backlash lags: 1.5 µm short when it came in +, 1.5 µm too far when it came in -."""
+    """An axis with 3 µm of backlash lags: 1.5 µm short when it came in +, 1.5 µm too far when it
+    came in -."""
     machine = build_machine(load_config(FULL))
     point = np.array([[-100.0, 0.0, 0.0]])
-    forward, backward = (machine.error_at(point, direction=np.array([sign, 0.0, 0.0]))[0, 0] for sign in (1.0, -1.0))
+    forward, backward = (
+        machine.error_at(point, direction=np.array([sign, 0.0, 0.0]))[0, 0] for sign in (1.0, -1.0)
+    )
     assert forward - backward == pytest.approx(-3.0)
 
 
@@ -113,9 +123,13 @@ def test_a_wrong_file_is_refused_by_name(text, message):
 def test_compensation_files_lie_beside_the_configuration(tmp_path):
     (tmp_path / "x.comp").write_text("0 0 0\n500 500.01 500.01\n", encoding="ascii")
     file = tmp_path / "bench.toml"
-    file.write_text('[[compensation]]\ncontrol = "linuxcnc"\nfiles = ["x.comp"]\n', encoding="utf-8")
+    file.write_text(
+        '[[compensation]]\ncontrol = "linuxcnc"\nfiles = ["x.comp"]\n', encoding="utf-8"
+    )
     machine = build_machine(read_config(file))
-    assert machine.compensations[0].correction_mm(np.full((1, 3), 500.0), np.ones((1, 3)))[0, 0] == pytest.approx(-0.01)
+    assert machine.compensations[0].correction_mm(np.full((1, 3), 500.0), np.ones((1, 3)))[
+        0, 0
+    ] == pytest.approx(-0.01)
 
 
 def test_an_ordinary_machine_is_built_from_its_fields():

@@ -1,4 +1,5 @@
-"""The optical model of the 4-DOF head against hand-traced rays and the theory notes, and its wire formats."""
+"""The optical model of the 4-DOF head against hand-traced rays and the theory notes, and its wire
+formats."""
 
 import binascii
 import math
@@ -29,7 +30,9 @@ BENCH = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))
 
 
-def spots(distance_mm, shift_mm=STILL, turn_urad=STILL, *, pointing=None, bending=None, optics=None):
+def spots(
+    distance_mm, shift_mm=STILL, turn_urad=STILL, *, pointing=None, bending=None, optics=None
+):
     """Spots of one pose; pointing and bending are steady lateral values."""
 
     class Steady(Wander):
@@ -45,7 +48,10 @@ def spots(distance_mm, shift_mm=STILL, turn_urad=STILL, *, pointing=None, bendin
     aligned = stage_pose(distance_mm, STILL, STILL, BENCH)
     disturbance = Disturbance(pointing_urad=steady(pointing), bending_urad_m=steady(bending))
     head = VirtualHead(optics or HeadOptics(), BENCH, aligned, disturbance=disturbance)
-    return head.spots(stage_pose(distance_mm, np.atleast_2d(shift_mm), np.atleast_2d(turn_urad), BENCH), np.zeros(1))
+    return head.spots(
+        stage_pose(distance_mm, np.atleast_2d(shift_mm), np.atleast_2d(turn_urad), BENCH),
+        np.zeros(1),
+    )
 
 
 def test_a_shift_of_the_cube_moves_the_quadrant_spot_twice_as_far_and_nothing_else():
@@ -65,7 +71,8 @@ def test_a_turn_moves_only_the_mirror_spot_by_twice_the_angle():
 
 
 def test_pointing_drift_shows_with_the_signs_of_the_theory():
-    """Theory 9: QD = -2 L a, PSD1 = -a, PSD2 = +a; L is the way to the cube and half of the rest to the QD."""
+    """Theory 9: QD = -2 L a, PSD1 = -a, PSD2 = +a; L is the way to the cube and half of the rest to
+    the QD."""
     optics = HeadOptics(qd_path_mm=100.0)
     seen = spots(8000.0, pointing=(10.0, 0.0), optics=optics)
     assert seen.qd_mm[0, 0] == pytest.approx(-2 * 8050.0 * 10e-6)
@@ -74,7 +81,8 @@ def test_pointing_drift_shows_with_the_signs_of_the_theory():
 
 
 def test_bending_air_is_hidden_from_the_drift_detector():
-    """Theory 9: 10 urad of bending over 8 m: PSD1 sees 0, the QD twice X_bend = 40 µm, PSD2 twice the angle."""
+    """Theory 9: 10 urad of bending over 8 m: PSD1 sees 0, the QD twice X_bend = 40 µm, PSD2 twice
+    the angle."""
     seen = spots(8000.0, bending=(1250.0 / 1000.0, 0.0))
     assert seen.psd1_mm[0, 0] == pytest.approx(0.0, abs=1e-9)
     assert seen.qd_mm[0, 0] == pytest.approx(-2 * 0.040, rel=1e-6)
@@ -86,16 +94,21 @@ def test_a_roll_moves_a_cube_that_sits_off_the_axis():
     aligned = stage_pose(1000.0, STILL, STILL, BENCH)
     head = VirtualHead(HeadOptics(), BENCH, aligned, vertex_mm=np.array([30.0, 0.0, 0.0]))
     rolled = Pose(aligned.origin_mm, rotation_matrix(np.array([[0.0, 0.0, 10e-6]])))
-    assert head.spots(rolled, np.zeros(1)).qd_mm[0] == pytest.approx([0.0, 2 * 30.0 * 10e-6], abs=1e-8)
+    assert head.spots(rolled, np.zeros(1)).qd_mm[0] == pytest.approx(
+        [0.0, 2 * 30.0 * 10e-6], abs=1e-8
+    )
 
 
 def test_a_drift_detector_out_of_focus_sees_the_shift_of_the_beam():
-    """Theory 9 (c): a thin lens 1 mm out of 150 mm focus lets 1/150 of the lateral shift through."""
+    """Theory 9 (c): a thin lens 1 mm out of 150 mm focus lets 1/150 of the lateral shift
+    through."""
     seen = spots(1000.0, shift_mm=(0.15, 0.0), optics=HeadOptics(psd1_defocus_mm=1.0))
     assert seen.psd1_mm[0, 0] == pytest.approx(-2 * 0.15 / 150.0)
 
 
-@pytest.mark.parametrize(("radius", "error_um"), [(1.0, -145.0), (1.5, -73.0), (2.0, -43.0), (3.0, -20.0)])
+@pytest.mark.parametrize(
+    ("radius", "error_um"), [(1.0, -145.0), (1.5, -73.0), (2.0, -43.0), (3.0, -20.0)]
+)
 def test_a_quadrant_cell_is_as_curved_as_a_gaussian_spot_makes_it(radius, error_um):
     """Instruments 2: error of a line through the origin at 0.65 mm."""
     slope = 2.0 * math.sqrt(2.0 / math.pi) / radius
@@ -121,12 +134,14 @@ RUNS = [
     ("y", ("EXY", "EZY"), (("ECY", -1), ("EAY", -1))),
     ("z", ("EXZ", "EYZ"), (("EBZ", -1), ("EAZ", 1))),
 ]
-"""A mirror that faces +X and turns by C about Z sends the beam towards -Y by 2 C: the head sees b x w in its right and up."""
+"""A mirror that faces +X and turns by C about Z sends the beam towards -Y by 2 C: the head sees b x
+w in its right and up."""
 
 
 @pytest.mark.parametrize(("axis", "straightness", "turns"), RUNS)
 def test_a_run_sees_straightness_pitch_and_yaw_of_its_axis(axis, straightness, turns):
-    """Feng Eqs 2 and 4 without drift: X = QD / 2, theta = PSD2 / (2 f); right is +Y, -X, +X, up is +Z, +Z, +Y."""
+    """Feng Eqs 2 and 4 without drift: X = QD / 2, theta = PSD2 / (2 f); right is +Y, -X, +X, up is
+    +Z, +Z, +Y."""
     config = load_config("[machine]\nangle_urad = 20.0\n")
     machine = build_machine(config)
     head = head_builder(config, HeadPart(), machine)(f"fourdof-{axis}")
@@ -155,7 +170,18 @@ def test_a_binary_frame_has_the_layout_of_its_document():
     frame = head.speak(np.zeros(1))
     assert len(frame) == 46
     assert frame[:4] == b"\xf4\xd0i\x00"
-    assert struct.unpack_from("<I9i", frame, 4) == (7, -3000, -2000, -1000, 0, 1000, 2000, 3000, 4000, 5000)
+    assert struct.unpack_from("<I9i", frame, 4) == (
+        7,
+        -3000,
+        -2000,
+        -1000,
+        0,
+        1000,
+        2000,
+        3000,
+        4000,
+        5000,
+    )
     assert struct.unpack_from("<H", frame, 44)[0] == binascii.crc_hqx(frame[2:44], 0xFFFF)
 
 
@@ -172,8 +198,11 @@ def test_the_frame_checksum_is_the_standard_one():
 
 
 def test_the_quadrant_detector_answers_its_one_question():
-    """APT message 0871h parameter 3 (instruments 1.C): x inverted, differences over 10 V, the sum over 20 V."""
-    detector = QuadrantDetector(lambda wall_s: np.array([[250, -125, 1000, 0, 0, 0, 0, 0, 0]]), full_sum=1000.0)
+    """APT message 0871h parameter 3 (instruments 1.C): x inverted, differences over 10 V, the sum
+    over 20 V."""
+    detector = QuadrantDetector(
+        lambda wall_s: np.array([[250, -125, 1000, 0, 0, 0, 0, 0, 0]]), full_sum=1000.0
+    )
     ask = bytes.fromhex("710803005001")
     assert [detector.requests(piece) for piece in (ask[:4], ask[4:])] == [[], [ask]]
     answer = detector.answer(ask, 0.0)

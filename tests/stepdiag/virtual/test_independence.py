@@ -1,4 +1,5 @@
-"""What stands for instruments and controls in the tests shares no code with what reads them: or it would prove its own mistakes."""
+"""What stands for instruments and controls in the tests shares no code with what reads them: or it
+would prove its own mistakes."""
 
 import ast
 from pathlib import Path
@@ -6,8 +7,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-STANDING_FOR = [*sorted((ROOT / "stepdiag" / "virtual").rglob("*.py")), ROOT / "tests" / "lib" / "testkit" / "running" / "controls.py"]
-READS_THEM = ("stepdiag.daq", "stepdiag.solver", "stepdiag.exporters", "stepdiag.checking", "pyLSV2", "snap7.client", "pymodbus")
+STANDING_FOR = [
+    *sorted((ROOT / "stepdiag" / "virtual").rglob("*.py")),
+    ROOT / "tests" / "lib" / "testkit" / "running" / "controls.py",
+]
+READS_THEM = (
+    "stepdiag.daq",
+    "stepdiag.solver",
+    "stepdiag.exporters",
+    "stepdiag.checking",
+    "pyLSV2",
+    "snap7.client",
+    "pymodbus",
+)
 
 
 def imported(path: Path) -> set[str]:
@@ -23,5 +35,11 @@ def imported(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("path", STANDING_FOR, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_stand_in_imports_what_reads_it(path: Path) -> None:
-    """The S7 server is the library's own, as its client is: its memory is set here, byte by byte; all else is from papers."""
-    assert {name for name in imported(path) for other in READS_THEM if f"{name}.".startswith(f"{other}.")} == set()
+    """The S7 server is the library's own, as its client is: its memory is set here, byte by byte;
+    all else is from papers."""
+    assert {
+        name
+        for name in imported(path)
+        for other in READS_THEM
+        if f"{name}.".startswith(f"{other}.")
+    } == set()

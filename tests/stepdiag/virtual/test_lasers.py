@@ -1,4 +1,5 @@
-"""What the virtual lasers put on the wire, read back by the rules of the instruments' notes written out in the test."""
+"""What the virtual lasers put on the wire, read back by the rules of the instruments' notes written
+out in the test."""
 
 import numpy as np
 import pytest
@@ -25,15 +26,19 @@ def sent(board: UmdBoard, readings, beam=None):
 @given(st.lists(st.floats(-2000.0, 2000.0), min_size=1, max_size=20))
 @pytest.mark.parametrize(("name", "steps"), [("umd1", 256), ("umd2", 65536)])
 def test_a_heterodyne_reading_is_count_minus_phase(name, steps, readings):
-    """Rule of the GUI (instruments 1.A): (D - phase/steps) * lambda/2/optics; 8-bit phases lie in 0..255, 16-bit ones are signed."""
+    """Rule of the GUI (instruments 1.A): (D - phase/steps) * lambda/2/optics; 8-bit phases lie in
+    0..255, 16-bit ones are signed."""
     lines = sent(UmdBoard(BOARDS[name]), readings)
-    assert (lines[:, 2] - lines[:, 4] / steps) * COUNT_MM == pytest.approx(readings, abs=0.51 * COUNT_MM / steps)
+    assert (lines[:, 2] - lines[:, 4] / steps) * COUNT_MM == pytest.approx(
+        readings, abs=0.51 * COUNT_MM / steps
+    )
     low, high = (0, 255) if steps == 256 else (-32768, 32767)
     assert np.all((lines[:, 4] >= low) & (lines[:, 4] <= high))
 
 
 def test_umd0_is_the_board_of_the_recorded_stream():
-    """The real recording begins with this banner and these codes; counts are quarters of a cycle, REF and MEAS are zero."""
+    """The real recording begins with this banner and these codes; counts are quarters of a cycle,
+    REF and MEAS are zero."""
     board = UmdBoard(BOARDS["umd0"], optics=1)
     assert board.banner() == b"\nMinimalist Homodyne Test:\r\n"
     lines = sent(board, np.full(300, 0.158248))
@@ -63,7 +68,9 @@ def test_velocity_is_the_change_of_the_count_and_moves_the_measurement_frequency
 
 
 def test_a_multi_axis_board_sends_sixteen_fields_and_its_rate():
-    lines = sent(UmdBoard(BOARDS["umd2"], axes=3, rate_hz=500.0, environment={3: 2150}), np.zeros(32))
+    lines = sent(
+        UmdBoard(BOARDS["umd2"], axes=3, rate_hz=500.0, environment={3: 2150}), np.zeros(32)
+    )
     assert lines.shape == (32, 16)
     assert lines[2, 6:8].tolist() == [8, 50000]
     assert lines[23, 6:8].tolist() == [3, 2150]
@@ -88,7 +95,8 @@ def test_lines_carry_position_counter_and_beam():
     ],
 )
 def test_a_display_answers_what_its_manual_knows(request_bytes, answer):
-    """ND 28x/287 manual pages (instruments 1.B): sign and nine digits for the current value, NAK for the unknown."""
+    """ND 28x/287 manual pages (instruments 1.B): sign and nine digits for the current value, NAK
+    for the unknown."""
     assert NdDisplay().answer(request_bytes, -12.34567, beam=True) == answer
 
 

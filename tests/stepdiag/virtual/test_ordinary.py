@@ -1,4 +1,5 @@
-"""Ordinary machines and shops: drawn within their table, the same for the same seed, with a truth that their readings support."""
+"""Ordinary machines and shops: drawn within their table, the same for the same seed, with a truth
+that their readings support."""
 
 from dataclasses import replace
 
@@ -9,9 +10,24 @@ from hypothesis import strategies as st
 
 from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.shop import NOISE_UM, RUNS, Beam, Shop, draw_shop, drive_survey, mean_machine
+from stepdiag.virtual.drive.shop import (
+    NOISE_UM,
+    RUNS,
+    Beam,
+    Shop,
+    draw_shop,
+    drive_survey,
+    mean_machine,
+)
 from stepdiag.virtual.physics.environment import Course, Environment
-from stepdiag.virtual.physics.error_functions import AXES, ROTATIONS, Amplitudes, ErrorSet, Table, random_errors
+from stepdiag.virtual.physics.error_functions import (
+    AXES,
+    ROTATIONS,
+    Amplitudes,
+    ErrorSet,
+    Table,
+    random_errors,
+)
 from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.physics.ordinary import (
@@ -51,7 +67,9 @@ def test_every_figure_has_a_mark_and_a_source():
 
 def test_the_classes_have_their_shares(many):
     for quality, share in zip(QUALITIES, SHARES, strict=True):
-        assert np.mean([machine.quality == quality for machine, _ in many]) == pytest.approx(share, abs=0.08)
+        assert np.mean([machine.quality == quality for machine, _ in many]) == pytest.approx(
+            share, abs=0.08
+        )
 
 
 def test_machines_lie_within_the_table(many):
@@ -59,7 +77,9 @@ def test_machines_lie_within_the_table(many):
         errors = machine.machine.errors
         assert all(300.0 <= length <= 1000.0 for length in errors.size_mm)
         assert machine.machine.chain in CHAINS
-        assert all(REPEATABILITY_UM[0] <= um <= REPEATABILITY_UM[1] for um in machine.repeatability_um)
+        assert all(
+            REPEATABILITY_UM[0] <= um <= REPEATABILITY_UM[1] for um in machine.repeatability_um
+        )
         assert 5 <= shop.box.increments <= 20
         assert shop.box.decimals in (2, 3, 4)
         assert NOISE_UM[0] <= shop.beam.noise_um <= NOISE_UM[1]
@@ -74,12 +94,18 @@ def test_machines_lie_within_the_table(many):
 def test_the_middle_machine_of_a_class_has_the_size_of_the_table(many):
     ordinary = [machine for machine, _ in many if machine.quality == "ordinary"]
     ranges = [
-        np.ptp(one.machine.errors.functions[name](np.linspace(0.0, one.machine.errors.size_mm[AXES.index(name[2])], 300)))
+        np.ptp(
+            one.machine.errors.functions[name](
+                np.linspace(0.0, one.machine.errors.size_mm[AXES.index(name[2])], 300)
+            )
+        )
         for one in ordinary
         for name in ROTATIONS
     ]
     assert np.median(ranges) == pytest.approx(FIGURES["angle"].ordinary, rel=0.15)
-    assert np.median([one.repeatability_um for one in ordinary]) == pytest.approx(FIGURES["repeatability"].ordinary, rel=0.15)
+    assert np.median([one.repeatability_um for one in ordinary]) == pytest.approx(
+        FIGURES["repeatability"].ordinary, rel=0.15
+    )
 
 
 def test_shops_differ_in_all_that_matters(many):
@@ -106,9 +132,13 @@ def test_the_same_seed_draws_the_same_survey():
 
 
 def test_the_growth_of_the_first_hour_is_that_of_the_table():
-    machines = [draw_machine(np.random.default_rng(seed), quality="ordinary") for seed in range(200)]
+    machines = [
+        draw_machine(np.random.default_rng(seed), quality="ordinary") for seed in range(200)
+    ]
     hour = [
-        one.machine.growth.um_m[axis] * 0.5 * one.machine.growth.share(np.array([3600.0 - one.machine.growth.begun_s]))[0]
+        one.machine.growth.um_m[axis]
+        * 0.5
+        * one.machine.growth.share(np.array([3600.0 - one.machine.growth.begun_s]))[0]
         for one in machines
         if one.feedback == "screw"
         for axis in range(3)
@@ -117,13 +147,16 @@ def test_the_growth_of_the_first_hour_is_that_of_the_table():
 
 
 def test_an_axis_grows_from_its_bearing():
-    """20 µm/m in the end, a third of an hour's time constant: after one time constant 63 % of it, 500 mm from the bearing."""
+    """20 µm/m in the end, a third of an hour's time constant: after one time constant 63 % of it,
+    500 mm from the bearing."""
     grown = Growth(um_m=(20.0, 0.0, 0.0), bearing_mm=(-100.0, 0.0, 0.0), tau_s=1200.0)
     errors = ErrorSet(low_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0))
     machine = Machine(errors=errors, growth=grown)
     error = machine.error_at(np.array([[400.0, 100.0, 100.0]]), time_s=1200.0)
     assert error[0] == pytest.approx([20.0 * 0.5 * (1.0 - np.exp(-1.0)), 0.0, 0.0], abs=1e-6)
-    assert machine.error_at(np.array([[-100.0, 0.0, 0.0]]), time_s=1e6)[0, 0] == pytest.approx(0.0, abs=1e-9)
+    assert machine.error_at(np.array([[-100.0, 0.0, 0.0]]), time_s=1e6)[0, 0] == pytest.approx(
+        0.0, abs=1e-9
+    )
 
 
 def test_the_mean_machine_is_the_machine_at_a_moment_where_all_readings_are_of_that_moment():
@@ -131,7 +164,13 @@ def test_the_mean_machine_is_the_machine_at_a_moment_where_all_readings_are_of_t
     lost = replace(errors, reversal={"EXX": Table((0.0,), (-6.0,))})
     grown = Growth(um_m=(20.0, 10.0, 5.0), bearing_mm=(-100.0, 300.0, 0.0), tau_s=1000.0)
     hall = Environment(material_c=Course(start=21.0, per_hour=1.0))
-    machine = Machine(errors=lost, chain="XYFZ", growth=grown, environment=hall, expansion_um_m_c=(11.7, 10.0, 9.0))
+    machine = Machine(
+        errors=lost,
+        chain="XYFZ",
+        growth=grown,
+        environment=hall,
+        expansion_um_m_c=(11.7, 10.0, 9.0),
+    )
     mean = mean_machine(machine, np.full(7, 1800.0), np.zeros(7))
     assert mean.error_at(POINTS) == pytest.approx(machine.error_at(POINTS, time_s=1800.0), abs=1e-4)
 
@@ -145,14 +184,27 @@ def test_the_mean_machine_holds_what_nobody_saw():
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), large=st.booleans())
 def test_every_drawn_survey_is_near_its_geometry(seed, large):
-    """No survey is broken: the laser's travel is the commanded one within the errors of a poor machine, the columns fit together."""
+    """No survey is broken: the laser's travel is the commanded one within the errors of a poor
+    machine, the columns fit together."""
     machine, shop = drawn(seed, large=large)
     survey = drive_survey(machine.machine, shop)
     count = len(survey.setup)
-    assert len(survey.position_mm) == len(survey.reading_mm) == len(survey.time_s) == len(survey.zero) == len(survey.turned) == count
+    assert (
+        len(survey.position_mm)
+        == len(survey.reading_mm)
+        == len(survey.time_s)
+        == len(survey.zero)
+        == len(survey.turned)
+        == count
+    )
     assert np.all(np.isfinite(survey.reading_mm))
     for setup in shop.setups:
-        rows = np.flatnonzero([name == setup and number == 1 for name, number in zip(survey.setup, survey.pass_number, strict=True)])
+        rows = np.flatnonzero(
+            [
+                name == setup and number == 1
+                for name, number in zip(survey.setup, survey.pass_number, strict=True)
+            ]
+        )
         travel = survey.position_mm[rows] - survey.position_mm[rows[0]]
         along = travel @ (travel[-1] / np.linalg.norm(travel[-1]))
         assert np.max(np.abs(survey.reading_mm[rows] - along)) < 1e-3 * np.linalg.norm(travel[-1])
@@ -162,13 +214,23 @@ def test_a_perfect_machine_in_a_perfect_shop_reads_its_travel():
     survey = drive_survey(PERFECT, Shop(box=BOX, beam=STILL))
     for row, setup in enumerate(survey.setup):
         first = survey.setup.index(setup)
-        expected = np.linalg.norm(survey.position_mm[row] - survey.position_mm[first]) if setup in RUNS else None
+        expected = (
+            np.linalg.norm(survey.position_mm[row] - survey.position_mm[first])
+            if setup in RUNS
+            else None
+        )
         assert expected is None or survey.reading_mm[row] == pytest.approx(expected, abs=1e-9)
 
 
 def test_without_overrun_a_pass_begins_with_the_reading_at_which_the_one_before_ended():
     scatter = Scatter(arrival_um=(0.5, 0.5, 0.5), servo_um=(1.0, 1.0, 1.0))
-    shop = Shop(box=BOX, passes=3, overrun="never", scatter=scatter, registers=PositionRegisters(shows="actual"))
+    shop = Shop(
+        box=BOX,
+        passes=3,
+        overrun="never",
+        scatter=scatter,
+        registers=PositionRegisters(shows="actual"),
+    )
     survey = drive_survey(PERFECT, shop)
     turned = np.flatnonzero(survey.turned)
     assert [(survey.pass_number[row], survey.stop[row]) for row in turned[:2]] == [(2, 0), (3, 0)]
@@ -189,17 +251,33 @@ def test_readings_are_relative_to_the_first_stop_of_their_count():
 
 def test_the_material_is_warmer_from_setup_to_setup_without_the_thermometer_seeing_it():
     machine = Machine(errors=PERFECT.errors, expansion_um_m_c=(10.0, 10.0, 10.0))
-    survey = drive_survey(machine, Shop(box=BOX, beam=STILL, passes=1, setup_c=2.0, thermometer=True))
+    survey = drive_survey(
+        machine, Shop(box=BOX, beam=STILL, passes=1, setup_c=2.0, thermometer=True)
+    )
     assert set(survey.temperature_c) == {20.0}
-    ends = [row for row in range(len(survey.stop)) if row + 1 == len(survey.stop) or survey.stop[row + 1] == 0]
-    grown = [1e6 * (survey.reading_mm[row] / np.linalg.norm(survey.position_mm[row] - survey.position_mm[row - survey.stop[row]]) - 1.0)
-             for row in ends]  # fmt: skip
+    ends = [
+        row
+        for row in range(len(survey.stop))
+        if row + 1 == len(survey.stop) or survey.stop[row + 1] == 0
+    ]
+    grown = [
+        1e6
+        * (
+            survey.reading_mm[row]
+            / np.linalg.norm(survey.position_mm[row] - survey.position_mm[row - survey.stop[row]])
+            - 1.0
+        )
+        for row in ends
+    ]
     assert np.std(grown) == pytest.approx(20.0, rel=0.7)
 
 
 def test_what_moves_along_the_beam_is_drawn_for_each_pass():
     beam = Beam(noise_um=0.0, drift_um=5.0, wander_um=1.0, largest_mrad=0.0)
-    still, moving = (drive_survey(PERFECT, Shop(box=BOX, beam=one, passes=1, setups=("ppp", "npp"))) for one in (STILL, beam))
+    still, moving = (
+        drive_survey(PERFECT, Shop(box=BOX, beam=one, passes=1, setups=("ppp", "npp")))
+        for one in (STILL, beam)
+    )
     off = 1e3 * (moving.reading_mm - still.reading_mm)
     assert off[0] == 0.0
     assert np.max(np.abs(off)) > 0.5

@@ -93,14 +93,24 @@ def test_actual_positions_scatter_from_scan_to_scan(bench):
 def test_actual_positions_show_the_standstill_of_the_axes():
     StillClock.now = 0.0
     faults = FaultBoard()
-    plan = Plan(box=Box(size_mm=(100.0, 80.0, 60.0), increments=2), setups=("pnp",), passes=1, dwell_s=1.0, pause_s=1.0)
+    plan = Plan(
+        box=Box(size_mm=(100.0, 80.0, 60.0), increments=2),
+        setups=("pnp",),
+        passes=1,
+        dwell_s=1.0,
+        pause_s=1.0,
+    )
     drive = Drive(servo_um=3.0, repeatability_um=50.0)
     player = Player(steps(plan, faults), drive, seed=2)
     stand(player, 1)
     shown = []
     for shows in ("commanded", "actual"):
         registers = PositionRegisters(shows=shows, resolution_mm=1e-3)
-        shown.append(positions_mm(Plc(player, drive, HALL, clock=StillClock(), faults=faults, registers=registers)))
+        shown.append(
+            positions_mm(
+                Plc(player, drive, HALL, clock=StillClock(), faults=faults, registers=registers)
+            )
+        )
     assert shown[0] == pytest.approx([50.0, 80.0, 0.0])
     off_um = 1e3 * (shown[1] - shown[0])
     assert 0.0 < np.max(np.abs(off_um)) < 15.0
@@ -117,7 +127,13 @@ def test_the_heartbeat_changes_within_a_second(bench):
 
 
 @pytest.mark.parametrize(
-    ("order", "words"), [("ABCD", [0xFFE9, 0x1CA0]), ("CDAB", [0x1CA0, 0xFFE9]), ("BADC", [0xE9FF, 0xA01C]), ("DCBA", [0xA01C, 0xE9FF])]
+    ("order", "words"),
+    [
+        ("ABCD", [0xFFE9, 0x1CA0]),
+        ("CDAB", [0x1CA0, 0xFFE9]),
+        ("BADC", [0xE9FF, 0xA01C]),
+        ("DCBA", [0xA01C, 0xE9FF]),
+    ],
 )
 def test_positions_come_in_the_byte_order_of_the_plc(bench, order, words):
     """-1500000 is FFE91CA0h."""
@@ -193,7 +209,8 @@ class Registers:
     ],
 )
 def test_requests_are_answered_as_in_the_specification(request_hex, response_hex):
-    """Modbus Application Protocol V1.1b3, the examples of sections 6.1, 6.3, 6.5, 6.12, 6.17; exceptions 1 and 3 of section 7."""
+    """Modbus Application Protocol V1.1b3, the examples of sections 6.1, 6.3, 6.5, 6.12, 6.17;
+    exceptions 1 and 3 of section 7."""
     assert respond(Registers(), bytes.fromhex(request_hex)) == bytes.fromhex(response_hex)
 
 

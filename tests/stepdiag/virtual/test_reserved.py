@@ -1,4 +1,5 @@
-"""A port that nobody else gets: what a test hands to a process is still free when the process comes to listen on it."""
+"""A port that nobody else gets: what a test hands to a process is still free when the process comes
+to listen on it."""
 
 import socket
 
@@ -18,7 +19,10 @@ def test_nobody_listens_there_and_nobody_else_gets_it():
 def test_a_server_listens_on_it_and_again_after_it_was_stopped():
     port = reserved_port()
     for _ in range(3):
-        with socket.create_server(("127.0.0.1", port)) as server, socket.create_connection(("127.0.0.1", port)):
+        with (
+            socket.create_server(("127.0.0.1", port)) as server,
+            socket.create_connection(("127.0.0.1", port)),
+        ):
             guest, _ = server.accept()
             guest.close()
 

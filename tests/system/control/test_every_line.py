@@ -1,4 +1,5 @@
-"""A survey with every kind of line on a real control: LinuxCNC drives it, the daemon records and solves it and writes files."""
+"""A survey with every kind of line on a real control: LinuxCNC drives it, the daemon records and
+solves it and writes files."""
 
 import csv
 import json
@@ -17,14 +18,25 @@ from stepdiag.virtual.physics.machine import Machine
 from testkit.exact.placed import placed
 from testkit.linuxcnc.comparison import ATTEMPTS
 from testkit.linuxcnc.files import profile_text
-from testkit.linuxcnc.job import DWELL_S, EXPORT, FEED_MM_MIN, NOISE_UM, OFF, SURVEY, daemon, still_missing
+from testkit.linuxcnc.job import (
+    DWELL_S,
+    EXPORT,
+    FEED_MM_MIN,
+    NOISE_UM,
+    OFF,
+    SURVEY,
+    daemon,
+    still_missing,
+)
 from testkit.linuxcnc.rig import linuxcnc
 from testkit.linuxcnc.stand import LATENCY_S, Stand
 
 pytestmark = [pytest.mark.system, pytest.mark.control]
 
 ORIGIN_MM, SIZE_MM = (-200.0, -100.0, -160.0), (300.0, 180.0, 120.0)
-ERRORS = Amplitudes(positioning_um=5.0, straightness_um=5.0, angle_urad=0.0, scale_um_m=40.0, squareness_urad=40.0)
+ERRORS = Amplitudes(
+    positioning_um=5.0, straightness_um=5.0, angle_urad=0.0, scale_um_m=40.0, squareness_urad=40.0
+)
 LINES = """\
 setups = ["ppp", "npp", "pnp", "ppn", "linear-x", "linear-z"]
 repeats = 3
@@ -47,27 +59,57 @@ offset_mm = [0.0, 35.0, 0.0]
 
 @pytest.mark.timeout(1500)
 def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(tmp_path: Path) -> None:
-    """The number that the machine shows names the line, the daemon waits for the next one, and the result is right."""
+    """The number that the machine shows names the line, the daemon waits for the next one, and the
+    result is right."""
     machine = Machine(errors=random_errors(5, ORIGIN_MM, SIZE_MM, ERRORS), chain="FXYZ")
     box = Box(origin_mm=ORIGIN_MM, size_mm=SIZE_MM, increments=2)
-    ends = [(axis, low + share * size) for axis, low, size in zip("xyz", ORIGIN_MM, SIZE_MM, strict=True) for share in (0, 1)]
-    angles = "axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\n" + "".join(f"{axis},{at},0,0,0,0.1\n" for axis, at in ends)
+    ends = [
+        (axis, low + share * size)
+        for axis, low, size in zip("xyz", ORIGIN_MM, SIZE_MM, strict=True)
+        for share in (0, 1)
+    ]
+    angles = "axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\n" + "".join(
+        f"{axis},{at},0,0,0,0.1\n" for axis, at in ends
+    )
     (tmp_path / "angles.csv").write_text(angles, encoding="utf-8")
-    with linuxcnc(swift=True) as control, Stand(control, machine, box, tmp_path, noise_um=NOISE_UM) as stand:
-        text = SURVEY.replace("setups = {setups}\n", LINES).replace("[machine]\n", ELSEWHERE).format(
-            origin=list(ORIGIN_MM), size=list(SIZE_MM), increments=2, feed=FEED_MM_MIN, dwell=DWELL_S, port=stand.plc_port,
-            laser=stand.laser_port, latency=LATENCY_S, state=OFF, export=EXPORT,
-        )  # fmt: skip
+    with (
+        linuxcnc(swift=True) as control,
+        Stand(control, machine, box, tmp_path, noise_um=NOISE_UM) as stand,
+    ):
+        text = (
+            SURVEY.replace("setups = {setups}\n", LINES)
+            .replace("[machine]\n", ELSEWHERE)
+            .format(
+                origin=list(ORIGIN_MM),
+                size=list(SIZE_MM),
+                increments=2,
+                feed=FEED_MM_MIN,
+                dwell=DWELL_S,
+                port=stand.plc_port,
+                laser=stand.laser_port,
+                latency=LATENCY_S,
+                state=OFF,
+                export=EXPORT,
+            )
+        )
         survey = parse_survey(text, "survey.toml")
-        (tmp_path / "linuxcnc.toml").write_text(profile_text("kinematics", survey.volume), encoding="utf-8")
+        (tmp_path / "linuxcnc.toml").write_text(
+            profile_text("kinematics", survey.volume), encoding="utf-8"
+        )
         (tmp_path / "survey.toml").write_text(text, encoding="utf-8")
-        programs = {program.setup: program.data for program in nc_programs(sequence_of(survey), "linuxcnc")}
+        programs = {
+            program.setup: program.data for program in nc_programs(sequence_of(survey), "linuxcnc")
+        }
         folder = tmp_path / "control" / "0001"
         with daemon(tmp_path / "survey.toml") as log:
             missing, driven = list(programs), 0
             for _ in range(len(programs) + ATTEMPTS):
                 for setup in missing:
-                    stand.readout.put(placed(survey.planned, survey.planned.run_of(setup), (0.4, -0.3), (0.1, 0.15)))
+                    stand.readout.put(
+                        placed(
+                            survey.planned, survey.planned.run_of(setup), (0.4, -0.3), (0.1, 0.15)
+                        )
+                    )
                     time.sleep(0.4)
                     control.run(programs[setup])
                     driven += 1
@@ -79,9 +121,15 @@ def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(tmp_path
     with (folder / "readings.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     stops = {setup: [row for row in rows if row["setup"] == setup] for setup in programs}
-    wanted = {**dict.fromkeys(programs, 21), **dict.fromkeys(("linear-x", "linear-y+1", "linear-z"), 27), "face-xy-np+1": 15}
+    wanted = {
+        **dict.fromkeys(programs, 21),
+        **dict.fromkeys(("linear-x", "linear-y+1", "linear-z"), 27),
+        "face-xy-np+1": 15,
+    }
     assert {setup: len(own) for setup, own in stops.items()} == wanted
-    assert {(float(row["x_mm"]), float(row["z_mm"])) for row in stops["linear-y+1"]} == {(100.0, -40.0)}
+    assert {(float(row["x_mm"]), float(row["z_mm"])) for row in stops["linear-y+1"]} == {
+        (100.0, -40.0)
+    }
     truth = machine.truth(2)
     for name, quantity in result.squareness.items():
         assert quantity.value == pytest.approx(truth.squareness_urad[name], abs=3.0)

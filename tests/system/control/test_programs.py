@@ -1,4 +1,5 @@
-"""A real control drives the programs of `exporters.programs`: it stands where they say, and waits for its answer."""
+"""A real control drives the programs of `exporters.programs`: it stands where they say, and waits
+for its answer."""
 
 import socket
 import struct
@@ -30,7 +31,8 @@ class TestPrograms:
     """The programs on a control without any compensation."""
 
     def test_the_control_stands_exactly_where_the_survey_commands(self, control: Control) -> None:
-        """Every stop of outward and return pass, with its setup and counter, in position, and nothing left on afterwards."""
+        """Every stop of outward and return pass, with its setup and counter, in position, and
+        nothing left on afterwards."""
         sequence = replace(SWIFT, setups=("npp", "linear-z"))
         for program in nc_programs(sequence, "linuxcnc"):
             driven = stands(control, program.data)
@@ -39,13 +41,22 @@ class TestPrograms:
             assert {state.setup for state in driven} == {setup_code(program.setup, SWIFT.setups)}
             assert all(state.in_position for state in driven)
             positions = [stop.position_mm for stop in wanted]
-            np.testing.assert_allclose([state.commanded_mm for state in driven], positions, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(
+                [state.commanded_mm for state in driven], positions, rtol=0, atol=1e-6
+            )
             after = control.wait_for(lambda state: not state.running)
             assert (after.setup, after.stopped) == (0, False)
 
     def test_the_handshake_holds_the_control(self, control: Control) -> None:
-        """Without the answer the control stays at its first stop; each answer, written over Modbus, lets it go on to the next."""
-        sequence = replace(SWIFT, volume=replace(VOLUME, increments=1), setups=("linear-x",), return_pass=False, handshake=True)
+        """Without the answer the control stays at its first stop; each answer, written over Modbus,
+        lets it go on to the next."""
+        sequence = replace(
+            SWIFT,
+            volume=replace(VOLUME, increments=1),
+            setups=("linear-x",),
+            return_pass=False,
+            handshake=True,
+        )
         program = nc_programs(sequence, "linuxcnc")[0].data
         with socket.create_connection(("127.0.0.1", control.plc_port)) as plc:
             since_ns: dict[int, int] = {}
@@ -62,8 +73,11 @@ class TestPrograms:
             control.run(program)
         assert answered == [1, 2]
 
-    def test_the_head_is_commissioned_at_the_places_of_the_program(self, control: Control, monkeypatch: pytest.MonkeyPatch) -> None:
-        """The control stands at five places of each other axis at both ends without a word to the PLC, and at the run's stops with one."""
+    def test_the_head_is_commissioned_at_the_places_of_the_program(
+        self, control: Control, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The control stands at five places of each other axis at both ends without a word to the
+        PLC, and at the run's stops with one."""
         for name, seconds in (("JOG_S", 0.4), ("WOBBLE_S", 0.6), ("DARK_S", 0.4)):
             monkeypatch.setattr(f"stepdiag.exporters.programs.jogs.{name}", seconds)
         sequence = replace(SWIFT, setups=("fourdof-x",), return_pass=False, commission=True)

@@ -1,4 +1,5 @@
-"""A real control proves what it loaded: a table with the wrong sign is found and taken out without a person deciding."""
+"""A real control proves what it loaded: a table with the wrong sign is found and taken out without
+a person deciding."""
 
 import json
 import re
@@ -25,12 +26,17 @@ pytestmark = [pytest.mark.system, pytest.mark.control]
 
 @pytest.mark.timeout(1500)
 def test_a_wrong_sign_is_undone_on_a_real_control(tmp_path: Path) -> None:
-    """Survey, load with one sign turned, drive ten seconds of proof: restore, as bad as before; load the right files: keep, and better."""
+    """Survey, load with one sign turned, drive ten seconds of proof: restore, as bad as before;
+    load the right files: keep, and better."""
     machine = leaning_machine()
     (tmp_path / "angles.csv").write_text(angles_of(machine), encoding="utf-8")
     with linuxcnc(swift=True) as control:
-        first, nothing = surveyed(control, machine, tmp_path, (*DIAGONALS, "linear-x", "linear-y"), BOX, BOX)
-    comp, _ = screw_files(parse_result((first / "result.json").read_text(encoding="utf-8"), "result.json"), tmp_path)
+        first, nothing = surveyed(
+            control, machine, tmp_path, (*DIAGONALS, "linear-x", "linear-y"), BOX, BOX
+        )
+    comp, _ = screw_files(
+        parse_result((first / "result.json").read_text(encoding="utf-8"), "result.json"), tmp_path
+    )
     wrong = comp | {"X": turned(comp["X"])}
     reached = {}
     for name, held in (("turned", wrong), ("right", comp)):
@@ -40,9 +46,15 @@ def test_a_wrong_sign_is_undone_on_a_real_control(tmp_path: Path) -> None:
             verdict = proved(control, machine, tmp_path / "first", comp)
             reached[name] = driven_rms_um(control, machine, BOX)
         codes = {each["function"]: each["code"] for each in verdict["tables"]}
-        assert codes == {"EXX": "sign-turned" if name == "turned" else "right", "EYY": "right", "EZZ": "right"}, verdict
+        assert codes == {
+            "EXX": "sign-turned" if name == "turned" else "right",
+            "EYY": "right",
+            "EZZ": "right",
+        }, verdict
         assert verdict["action"] == ("restore" if name == "turned" else "keep")
-        if verdict["action"] == "restore":  # the restore file of the export takes the COMP_FILE lines out of the INI file
+        if (
+            verdict["action"] == "restore"
+        ):  # the restore file of the export takes the COMP_FILE lines out of the INI file
             assert (tmp_path / "screw" / "ini_lines_RESTORE.txt").exists()
             with linuxcnc(swift=True) as control:
                 settled(control)
@@ -54,25 +66,50 @@ def test_a_wrong_sign_is_undone_on_a_real_control(tmp_path: Path) -> None:
 
 
 def turned(comp: bytes) -> bytes:
-    """Return a COMP_FILE whose trims have the other sign: actual positions mirrored at the nominal ones."""
+    """Return a COMP_FILE whose trims have the other sign: actual positions mirrored at the nominal
+    ones."""
     rows = [[float(word) for word in line.split()] for line in comp.decode("ascii").splitlines()]
-    return "".join(f"{at:.6f} {2 * at - ahead:.6f} {2 * at - back:.6f}\n" for at, ahead, back in rows).encode("ascii")
+    return "".join(
+        f"{at:.6f} {2 * at - ahead:.6f} {2 * at - back:.6f}\n" for at, ahead, back in rows
+    ).encode("ascii")
 
 
 def proved(control: Control, machine: Machine, folder: Path, comp: dict[str, bytes]) -> dict:
-    """Plan, record and judge a proof run of COMP_FILEs on a running control; return the verdict as the command prints it."""
+    """Plan, record and judge a proof run of COMP_FILEs on a running control; return the verdict as
+    the command prints it."""
     held = folder / "loaded"
-    write_set(held, [ControlFile(name=f"screw_{axis.lower()}.comp", data=data) for axis, data in comp.items()])
+    write_set(
+        held,
+        [ControlFile(name=f"screw_{axis.lower()}.comp", data=data) for axis, data in comp.items()],
+    )
     box = Box(origin_mm=BOX.origin_mm, size_mm=BOX.size_mm, increments=BOX.increments)
     with Stand(control, machine, box, folder, noise_um=NOISE_UM) as stand:
         survey = folder / "survey.toml"
-        text = re.sub(r'(?m)^port = ".*"', f'port = "{stand.laser_port}"', survey.read_text(encoding="utf-8"))
-        survey.write_text(re.sub(r"(?m)^port = \d+", f"port = {stand.plc_port}", text), encoding="utf-8")
-        options = ("--controller", "linuxcnc", "--loaded", held, "--profile", folder.parent / "screw.toml", "--minutes", "0.1")
-        planned = stepdiag("proof", survey, *options, "--out", folder / f"programs{control.plc_port}", "--json")
+        text = re.sub(
+            r'(?m)^port = ".*"', f'port = "{stand.laser_port}"', survey.read_text(encoding="utf-8")
+        )
+        survey.write_text(
+            re.sub(r"(?m)^port = \d+", f"port = {stand.plc_port}", text), encoding="utf-8"
+        )
+        options = (
+            "--controller",
+            "linuxcnc",
+            "--loaded",
+            held,
+            "--profile",
+            folder.parent / "screw.toml",
+            "--minutes",
+            "0.1",
+        )
+        planned = stepdiag(
+            "proof", survey, *options, "--out", folder / f"programs{control.plc_port}", "--json"
+        )
         assert planned.code == 0, planned.refusal
         plan = json.loads(planned.out)
-        by_setup = {setup: Path(name).read_bytes() for setup, name in zip(plan["setups"], plan["programs"], strict=True)}
+        by_setup = {
+            setup: Path(name).read_bytes()
+            for setup, name in zip(plan["setups"], plan["programs"], strict=True)
+        }
         proof = Path(plan["survey"])
         with daemon(proof) as log:
             for setup, program in by_setup.items():

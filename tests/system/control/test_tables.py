@@ -1,4 +1,5 @@
-"""A real control applies COMP_FILEs as the exporter's law says: signs, rows, ends, and the BACKLASH that they switch off."""
+"""A real control applies COMP_FILEs as the exporter's law says: signs, rows, ends, and the BACKLASH
+that they switch off."""
 
 import subprocess
 from dataclasses import replace
@@ -28,15 +29,20 @@ BACKLASH_UM = 8.0
 
 
 def test_the_control_applies_the_files_as_the_law_says() -> None:
-    """Motors are moved by what `correction_um` says, forward and in reverse: signs, interpolation between rows, held ends."""
+    """Motors are moved by what `correction_um` says, forward and in reverse: signs, interpolation
+    between rows, held ends."""
     errors = {"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.0, 8.0], "EZZ": [0.0, -5.0, 6.0]}
     profile = profile_of("linuxcnc", VOLUME, sections=8, direction="both")
-    result = made_result(errors, reversal={"EXX": [6.0] * 3, "EZZ": [-4.0, -2.0, 0.0]}, volume=VOLUME)
+    result = made_result(
+        errors, reversal={"EXX": [6.0] * 3, "EZZ": [-4.0, -2.0, 0.0]}, volume=VOLUME
+    )
     controller = LinuxCnc()
     plan = controller.plan(curves_of(result, ["EXX", "EYY", "EZZ"]), profile)
     files = [file for file in controller.render(plan.tables, profile) if file.role == "data"]
     tables = controller.parse(files, profile)
-    sequence = replace(SWIFT, setups=("ppn",), volume=replace(VOLUME, size_mm=(390.0, 195.0, 150.0)))
+    sequence = replace(
+        SWIFT, setups=("ppn",), volume=replace(VOLUME, size_mm=(390.0, 195.0, 150.0))
+    )
     program = nc_programs(sequence, "linuxcnc")[0].data
     travel = np.array([1, 1, -1])
     with linuxcnc({file.name[-6].upper(): file.data for file in files}) as control:
@@ -54,53 +60,91 @@ def test_the_control_applies_the_files_as_the_law_says() -> None:
 
 
 def test_what_the_control_holds_is_read_back_number_by_number() -> None:
-    """Loaded, read out of the running control while it drives, compared; and the files of another survey, loaded instead, show."""
+    """Loaded, read out of the running control while it drives, compared; and the files of another
+    survey, loaded instead, show."""
     profile = profile_of("linuxcnc", VOLUME, sections=2, direction="both")
     controller = LinuxCnc()
     sets = []
-    for errors in ({"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.0, 8.0]}, {"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.2, 8.0]}):
+    for errors in (
+        {"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.0, 8.0]},
+        {"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.2, 8.0]},
+    ):
         result = made_result(errors, reversal={"EXX": [6.0] * 3}, volume=VOLUME)
         plan = controller.plan(curves_of(result, ["EXX", "EYY"]), profile)
-        sets.append((plan.tables, [file for file in controller.render(plan.tables, profile) if file.role == "data"]))
+        sets.append(
+            (
+                plan.tables,
+                [file for file in controller.render(plan.tables, profile) if file.role == "data"],
+            )
+        )
     (tables, written), (_, another) = sets
     program, reader = controller.read_back(tables, profile)
     with linuxcnc({file.name[-6].upper(): file.data for file in written}) as control:
         (control.folder / reader.name).write_bytes(reader.data)
-        pairs = [word for joint, letter in enumerate("XY") for word in (str(joint), f"{letter}.comp")]
+        pairs = [
+            word for joint, letter in enumerate("XY") for word in (str(joint), f"{letter}.comp")
+        ]
         words = ["/usr/bin/python3", reader.name, *pairs]
-        reading = subprocess.Popen(words, cwd=control.folder, env={"PATH": "/usr/bin:/bin"}, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+        reading = subprocess.Popen(
+            words,
+            cwd=control.folder,
+            env={"PATH": "/usr/bin:/bin"},
+            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
         control.run(program.data)
         said, missed = reading.communicate(timeout=120.0)
         assert reading.returncode == 0, missed.decode()
         assert said.decode().split() == ["held_X.comp", "held_Y.comp"]
-        held = [ControlFile(name=f"held_{letter}.comp", data=(control.folder / f"held_{letter}.comp").read_bytes()) for letter in "XY"]
+        held = [
+            ControlFile(
+                name=f"held_{letter}.comp",
+                data=(control.folder / f"held_{letter}.comp").read_bytes(),
+            )
+            for letter in "XY"
+        ]
     same = compare(controller, written, held, profile)
     assert [found.text for found in same.findings] == []
     assert same.numbers == 3 * 3
     (found,) = compare(controller, another, held, profile).findings
-    assert (found.key, found.message.arguments["label"].arguments["function"]) == ("read-back-differs", "EYY")
+    assert (found.key, found.message.arguments["label"].arguments["function"]) == (
+        "read-back-differs",
+        "EYY",
+    )
 
 
 def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:
-    """What the motor gives between approach in + and approach in - is BACKLASH without a table, and the same with one, to 0.1 um.
+    """What the motor gives between approach in + and approach in - is BACKLASH without a table, and
+    the same with one, to 0.1 um.
 
-    X has our file, Y a file of zeros, Z none: the control itself forgets its BACKLASH where a COMP_FILE is, so Y has none of it left.
+    X has our file, Y a file of zeros, Z none: the control itself forgets its BACKLASH where a
+    COMP_FILE is, so Y has none of it left.
     """
     errors = {"EXX": [0.0, 9.0, -7.0]}
     profile = profile_of("linuxcnc", VOLUME, sections=8)
-    axes = {letter: msgspec.structs.replace(axis, backlash_um=BACKLASH_UM) for letter, axis in profile.axes.items()}
+    axes = {
+        letter: msgspec.structs.replace(axis, backlash_um=BACKLASH_UM)
+        for letter, axis in profile.axes.items()
+    }
     profile = replace(profile, axes=axes)
     controller = LinuxCnc()
     tables = controller.plan(curves_of(made_result(errors, volume=VOLUME), ["EXX"]), profile).tables
     (file,) = (file for file in controller.render(tables, profile) if file.role == "data")
     zeros = b"-200 -200 -200\n200 200 200\n"
     moved = {}
-    with linuxcnc({"X": file.data, "Y": zeros}, backlash_mm=dict.fromkeys("XYZ", BACKLASH_UM / 1000.0)) as control:
+    with linuxcnc(
+        {"X": file.data, "Y": zeros}, backlash_mm=dict.fromkeys("XYZ", BACKLASH_UM / 1000.0)
+    ) as control:
         for axis, program in enumerate(nc_programs(replace(SWIFT, setups=LINES), "linuxcnc")):
             driven = stands(control, program.data)
-            moved["XYZ"[axis]] = np.array([(state.motor_mm[axis] - state.commanded_mm[axis]) * 1000.0 for state in driven])
+            moved["XYZ"[axis]] = np.array(
+                [(state.motor_mm[axis] - state.commanded_mm[axis]) * 1000.0 for state in driven]
+            )
     there = VOLUME.increments + 1
-    forward, reverse = {name: um[:there] for name, um in moved.items()}, {name: um[there:][::-1] for name, um in moved.items()}
+    forward, reverse = (
+        {name: um[:there] for name, um in moved.items()},
+        {name: um[there:][::-1] for name, um in moved.items()},
+    )
     np.testing.assert_allclose(forward["Z"][1:-1] - reverse["Z"][1:-1], BACKLASH_UM, atol=0.1)
     np.testing.assert_allclose(forward["Y"][1:-1] - reverse["Y"][1:-1], 0.0, atol=0.1)
     np.testing.assert_allclose(forward["X"][1:-1] - reverse["X"][1:-1], BACKLASH_UM, atol=0.1)

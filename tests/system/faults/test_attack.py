@@ -1,4 +1,5 @@
-"""An attacker inside the page's process and inside what publishes, by every version of Landlock, while one survey is recorded."""
+"""An attacker inside the page's process and inside what publishes, by every version of Landlock,
+while one survey is recorded."""
 
 import json
 import subprocess
@@ -34,7 +35,13 @@ def test_every_stop_of_a_survey_is_captured_beside_twelve_attacks(tmp_path):
                     place.round,
                     tmp_path / "secret",
                 ]
-                done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, check=False)
+                done = subprocess.run(
+                    list(map(str, command)),
+                    capture_output=True,
+                    text=True,
+                    timeout=120,
+                    check=False,
+                )
                 found.append(json.loads(done.stdout) if done.returncode == 0 else done.stderr)
 
         thread = threading.Thread(target=attack)

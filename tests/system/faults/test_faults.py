@@ -1,4 +1,5 @@
-"""Faults over real processes, sockets and ptys. The rule: a stop is right, or it is named as doubtful, or it is asked for again."""
+"""Faults over real processes, sockets and ptys. The rule: a stop is right, or it is named as
+doubtful, or it is asked for again."""
 
 import json
 import os
@@ -22,26 +23,43 @@ COMPENSATED = "compensated = true\n"
 
 SETUPS = ("ppp", "npp", "pnp", "ppn")
 LONGER_S = 3.5
-"""In seconds of the machine, ten to one of ours: six of dwell leave room for a fault and for a window beside it."""
+"""In seconds of the machine, ten to one of ours: six of dwell leave room for a fault and for a
+window beside it."""
 
 
 def at(setup, stop, kind, **more):
-    """Return a fault that strikes when the machine comes to a stop, or with ``phase="move"`` on the way to it."""
+    """Return a fault that strikes when the machine comes to a stop, or with ``phase="move"`` on the
+    way to it."""
     return {"kind": kind, "setup": setup, "stop": stop, **more}
 
 
 def run_with(tmp_path, faults, *, ends=None, **options):
-    """Drive setups with faults; return the passes by setup, what the daemon said, and what ``status`` says afterwards.
+    """Drive setups with faults; return the passes by setup, what the daemon said, and what
+    ``status`` says afterwards.
 
     Where no dwell is given, those stops dwell longer to which a fault comes.
     """
     setups = tuple(name for name in SETUPS if name in {each["setup"] for each in faults})
-    longer = [] if "dwell" in options else [at(each["setup"], each["stop"], "dwell-longer", duration_s=LONGER_S) for each in faults]
+    longer = (
+        []
+        if "dwell" in options
+        else [
+            at(each["setup"], each["stop"], "dwell-longer", duration_s=LONGER_S) for each in faults
+        ]
+    )
     tables = [
-        "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in each.items() if value is not None)
+        "[[fault]]\n"
+        + "".join(
+            f"{key} = {json.dumps(value)}\n" for key, value in each.items() if value is not None
+        )
         for each in (*longer, *faults)
     ]
-    settings = {"laser_bench": COMPENSATED, "laser_survey": COMPENSATED, "setups": setups, **options}
+    settings = {
+        "laser_bench": COMPENSATED,
+        "laser_survey": COMPENSATED,
+        "setups": setups,
+        **options,
+    }
     with hall(tmp_path, faults="\n".join(tables), **settings) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -78,7 +96,9 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
     assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
     assert {code for code in faults if " " not in code} <= codes_of(said)
     first = said[: next(at for at, each in enumerate(said) if each["event"] == "pass-ended")]
-    assert {"bytes-garbled", "samples-missing"} <= codes_of(first), "the line that lost bytes, and the samples that went with them"
+    assert {"bytes-garbled", "samples-missing"} <= codes_of(first), (
+        "the line that lost bytes, and the samples that went with them"
+    )
     assert "instrument-restart" not in codes_of(first)
     assert {doubt.code for doubt in book.doubts()} == {"stop-recovered"}
     assert "recovered from the laser's plateau" in told
@@ -87,8 +107,11 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
 @pytest.mark.impatient
 @pytest.mark.parametrize("options", [{}, {"transport": "rtu", "poll_hz": 40.0}], ids=["TCP", "RTU"])
 def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
-    """A late answer is never taken for the one to the next poll; a stop that was not seen meanwhile is taken from the laser and doubted."""
-    book, said, _ = run_with(tmp_path, [at("ppp", 2, "plc-late", duration_s=0.3, value=0.4)], dwell=6.0, **options)
+    """A late answer is never taken for the one to the next poll; a stop that was not seen meanwhile
+    is taken from the laser and doubted."""
+    book, said, _ = run_with(
+        tmp_path, [at("ppp", 2, "plc-late", duration_s=0.3, value=0.4)], dwell=6.0, **options
+    )
     assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
     assert "link-silent" in codes_of(said)
     late = [each["detail"] for each in said if each["event"] == "answers-late"]
@@ -97,8 +120,11 @@ def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
 
 @pytest.mark.impatient
 def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
-    """What was not read is not made up: the stop without a reading is asked for, or the count that nobody watched is doubted."""
-    book, said, told = run_with(tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)], dwell=6.0)
+    """What was not read is not made up: the stop without a reading is asked for, or the count that
+    nobody watched is doubted."""
+    book, said, told = run_with(
+        tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)], dwell=6.0
+    )
     assert "bytes-garbled" in codes_of(said)
     assert not book.complete() or "may be off" in told
     assert "drive again from stop" in told
@@ -106,7 +132,8 @@ def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
 
 @pytest.mark.impatient
 def test_what_cannot_is_asked_for_again_by_name(tmp_path):
-    """No pass is whole, a finding says why, and ``status`` says what is kept and from where to drive again."""
+    """No pass is whole, a finding says why, and ``status`` says what is kept and from where to
+    drive again."""
     expected = {
         "ppp": ("beam-lost", at("ppp", 3, "beam-lost", phase="move", duration_s=0.1)),
         "npp": ("beam-lost", at("npp", 3, "laser-unplug", phase="move", duration_s=0.05)),
@@ -124,7 +151,9 @@ def test_what_cannot_is_asked_for_again_by_name(tmp_path):
 
 @pytest.mark.impatient
 def test_a_program_with_another_order_of_axes_is_named(tmp_path):
-    book, said, _ = run_with(tmp_path, [{"kind": "axis-order", "setup": "ppp", "text": "yxz"}], n=1, dwell=3.0)
+    book, said, _ = run_with(
+        tmp_path, [{"kind": "axis-order", "setup": "ppp", "text": "yxz"}], n=1, dwell=3.0
+    )
     (named,) = [each for each in said if each["event"] == "finding" and each["severity"] == "error"]
     assert 'volume.axis_order = "yxz"' in named["text"]
     assert not book.complete()
@@ -133,11 +162,15 @@ def test_a_program_with_another_order_of_axes_is_named(tmp_path):
 @pytest.mark.impatient
 @pytest.mark.parametrize("cut", [False, True], ids=["beam kept", "beam cut meanwhile"])
 def test_a_program_restarted_two_stops_back_goes_on(tmp_path, cut):
-    """The program is aborted and restarted. Where the beam was cut meanwhile, the stops measured on both sides join the count."""
+    """The program is aborted and restarted. Where the beam was cut meanwhile, the stops measured on
+    both sides join the count."""
     faults = [at("ppp", 4, "program-aborted", value=2.0, duration_s=10.0)]
     faults += [at("ppp", 4, "beam-lost", delay_s=0.9, duration_s=0.2)] if cut else []
     book, said, told = run_with(tmp_path, faults, ends=2)
-    assert [each["kind"] for each in said if each["event"] == "pass-ended"] == ["aborted", "complete"]
+    assert [each["kind"] for each in said if each["event"] == "pass-ended"] == [
+        "aborted",
+        "complete",
+    ]
     assert {"stop-again"} <= codes_of(said)
     assert ("beam-lost" in codes_of(said)) is cut
     (only,) = book.passes
@@ -148,22 +181,32 @@ def test_a_program_restarted_two_stops_back_goes_on(tmp_path, cut):
 
 @pytest.mark.impatient
 def test_a_log_cut_at_every_byte_of_its_last_chunk_replays_up_to_the_cut(tmp_path):
-    """Power loss: whatever is left of a log, its events are the first ones, so its stops are those of the whole log up to there.
+    """Power loss: whatever is left of a log, its events are the first ones, so its stops are those
+    of the whole log up to there.
 
-    The last one may have been waiting for what came after the cut: it is the same stop, and reads the same but for its noise,
-    or is doubted. A replay is a function of the events, so it is made once for each number of events.
+    The last one may have been waiting for what came after the cut: it is the same stop, and reads
+    the same but for its noise, or is doubted. A replay is a function of the events, so it is made
+    once for each number of events.
     """
-    with hall(tmp_path, setups=("linear-x",), n=1, laser_bench=COMPENSATED, laser_survey=COMPENSATED) as place:
+    with hall(
+        tmp_path, setups=("linear-x",), n=1, laser_bench=COMPENSATED, laser_survey=COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
-            until(process, "survey-open")  # one run along one axis is no survey: the log is what is wanted
+            until(
+                process, "survey-open"
+            )  # one run along one axis is no survey: the log is what is wanted
         (log,) = logs_in(place.round)
     data, whole, stops = log.read_bytes(), events_of(log), stops_of(log)
     begin, end = last_chunks(log)
     cut = tmp_path / "cut.mcap.part"
     cut.write_bytes(data)
     kept = {}
-    for length in [*range(len(data), end, -997), *range(end, begin - 1, -1), *range(begin, len(data) // 3, -2999)]:
+    for length in [
+        *range(len(data), end, -997),
+        *range(end, begin - 1, -1),
+        *range(begin, len(data) // 3, -2999),
+    ]:
         os.truncate(cut, length)
         events = events_of(cut)
         assert events == whole[: len(events)]
@@ -188,11 +231,17 @@ def events_of(log):
 def stops_of(log):
     """Return the captured stops of one log."""
     book = replay([log]).book
-    return [entry.stop for each in book.passes for index in sorted(each.measured) for entry in each.measured[index]]
+    return [
+        entry.stop
+        for each in book.passes
+        for index in sorted(each.measured)
+        for entry in each.measured[index]
+    ]
 
 
 def last_chunks(log):
-    """Return where the last chunk of some size begins, and where the last chunk ends: a note alone may stand in that."""
+    """Return where the last chunk of some size begins, and where the last chunk ends: a note alone
+    may stand in that."""
     with log.open("rb") as file:
         summary = make_reader(file).get_summary()
     chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)

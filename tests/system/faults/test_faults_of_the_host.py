@@ -1,4 +1,5 @@
-"""The computer itself fails: its disk is full, its clock is set, it stands still. Real processes, sockets and ptys."""
+"""The computer itself fails: its disk is full, its clock is set, it stands still. Real processes,
+sockets and ptys."""
 
 import csv
 import json
@@ -34,7 +35,8 @@ def stops_in(said):
 
 
 def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp_path):
-    """Loud, nothing announced is lost, what was recorded stays readable, a restart while it is full works, the survey completes."""
+    """Loud, nothing announced is lost, what was recorded stays readable, a restart while it is full
+    works, the survey completes."""
     with small_disk(tmp_path / "hall", "8m") as disk, hall(tmp_path, **PACED) as place:
         inside = (*disk.inside, *STEPDIAG)
         round_ = disk.here / "0001"
@@ -53,11 +55,16 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             shutil.copytree(round_, tmp_path / "meanwhile")
             kept = noted_stops(next((tmp_path / "meanwhile").iterdir()))
             assert [(stop.setup, stop.stop) for stop in kept[: len(announced)]] == announced
-            assert len(kept) <= len(announced) + 1, "kept, and not announced where the disk was full right behind it"
+            assert len(kept) <= len(announced) + 1, (
+                "kept, and not announced where the disk was full right behind it"
+            )
             assert "a daemon records here now" in told
             assert "only 0.0 GB are left on the disk" in told
             assert f"drive again from stop {kept[-1].stop} on" in told
-            assert replay([next((tmp_path / "meanwhile").iterdir())]).book.last_count == kept[-1].stop_count
+            assert (
+                replay([next((tmp_path / "meanwhile").iterdir())]).book.last_count
+                == kept[-1].stop_count
+            )
         assert process.process.returncode == 4, "it could not write what it had"
         with daemon(place.survey, command=inside, wait_for=()) as process:
             until(process, "recorder", state="blocked")
@@ -67,17 +74,24 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             place.start_setups()
             assert until_complete(process, disk.here)[-1]["exit_code"] == 0
         shutil.copytree(round_, tmp_path / "kept")
-        compared = json.loads(stepdiag("replay", tmp_path / "kept", "--out", tmp_path / "again", "--json").out)
+        compared = json.loads(
+            stepdiag("replay", tmp_path / "kept", "--out", tmp_path / "again", "--json").out
+        )
         assert compared["different"] == compared["rounded"] == compared["missing"] == []
     book = nothing_silently_wrong(place, tmp_path / "kept")
     assert all(each.whole for each in book.passes)
-    again = {(stop.setup, stop.stop) for log in (tmp_path / "kept").glob("*.mcap*") for stop in noted_stops(log)}
+    again = {
+        (stop.setup, stop.stop)
+        for log in (tmp_path / "kept").glob("*.mcap*")
+        for stop in noted_stops(log)
+    }
     assert set(announced) <= again
 
 
 @pytest.mark.parametrize("while_recording", [False, True])
 def test_a_survey_folder_that_goes_away_is_an_error_in_words(tmp_path, while_recording):
-    """Unmounted or moved, and nothing is recorded elsewhere in silence: the daemon ends, and says what to do."""
+    """Unmounted or moved, and nothing is recorded elsewhere in silence: the daemon ends, and says
+    what to do."""
     with hall(tmp_path, setups=("ppp",), n=1, **PACED) as place, daemon(place.survey) as process:
         if while_recording:
             place.start_setups(stop_after=1)
@@ -95,7 +109,8 @@ def test_a_survey_folder_that_goes_away_is_an_error_in_words(tmp_path, while_rec
 
 
 def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
-    """Forwards in a pass, backwards between two: stops, readings and result are right, the logs in order, the replay the same bytes."""
+    """Forwards in a pass, backwards between two: stops, readings and result are right, the logs in
+    order, the replay the same bytes."""
     off_by = tmp_path / "off-by"
 
     def set_clock(process, seconds):
@@ -108,7 +123,9 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
     with hall(tmp_path, n=2, back=True, **PACED) as place:
         with daemon(place.survey, command=(sys.executable, str(SET_CLOCK), str(off_by))) as process:
             place.start_setups(stop_after=1)
-            until(process, "stop", stop=0)  # the daemon looks at the clocks once a second: the log must still be open then
+            until(
+                process, "stop", stop=0
+            )  # the daemon looks at the clocks once a second: the log must still be open then
             assert set_clock(process, 3600) == 3600
             whole = {path: path.read_bytes() for path in place.round.glob("*.mcap")}
             place.setups = place.setups[1:]
@@ -126,13 +143,20 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
         times = [float(row["time_s"]) for row in readings(place)]
         assert times == sorted(times)
         assert times[-1] < 300
-        compared = json.loads(stepdiag("replay", place.round, "--out", tmp_path / "again", "--json").out)
+        compared = json.loads(
+            stepdiag("replay", place.round, "--out", tmp_path / "again", "--json").out
+        )
         assert compared["different"] == compared["rounded"] == compared["missing"] == []
 
 
 def messages(logs):
     """Return what the logs hold, message by message, as one text."""
-    return "".join(record.data.decode() for log in logs for record in RecordReader(log) if isinstance(record, Message))
+    return "".join(
+        record.data.decode()
+        for log in logs
+        for record in RecordReader(log)
+        if isinstance(record, Message)
+    )
 
 
 def readings(place):
@@ -148,7 +172,8 @@ def readings(place):
     ],
 )
 def test_a_computer_that_stands_still(tmp_path, options, after_s):
-    """SIGSTOP is what a suspended computer looks like: its stamps go on. The beam is cut meanwhile: the count is off, and nobody saw it."""
+    """SIGSTOP is what a suspended computer looks like: its stamps go on. The beam is cut meanwhile:
+    the count is off, and nobody saw it."""
     with hall(tmp_path, setups=("ppp",), **PACED, **options) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)

@@ -1,4 +1,5 @@
-"""Controls over S7 and LSV2 that somebody else plays: whatever comes is an answer or a trouble with the link, never another exception."""
+"""Controls over S7 and LSV2 that somebody else plays: whatever comes is an answer or a trouble with
+the link, never another exception."""
 
 import asyncio
 import math
@@ -24,12 +25,14 @@ OPENING = {"s7": 2, "lsv2": 12}
 """Answers until the first read; half of the connections are let through to it unchanged."""
 ANSWER_S = 0.2
 REACHED = 16_000_000
-"""Bytes that may reach a program that gave up after one million: what lies in the buffers of two sockets is sent, not read."""
+"""Bytes that may reach a program that gave up after one million: what lies in the buffers of two
+sockets is sent, not read."""
 
 
 @contextmanager
 def between(port, opening, dice):
-    """Stand between program and control; yield the port. The control's answers are changed from the first on, or from the first read."""
+    """Stand between program and control; yield the port. The control's answers are changed from the
+    first on, or from the first read."""
     listener, threads = socket.create_server(("127.0.0.1", 0)), []
 
     def carry(source, target, changing, first):
@@ -54,7 +57,10 @@ def between(port, opening, dice):
             while True:
                 near, far = listener.accept()[0], socket.create_connection(("127.0.0.1", port))
                 threads.append(
-                    threading.Thread(target=both_ways, args=(near, far, random.Random(dice.random()), dice.choice((0, opening))))
+                    threading.Thread(
+                        target=both_ways,
+                        args=(near, far, random.Random(dice.random()), dice.choice((0, opening))),
+                    )
                 )
                 threads[-1].start()
 
@@ -105,7 +111,8 @@ async def _all_heard(name, port):
 
 
 async def _heard(name, port):
-    """Return what came of one connection and a few reads; what is raised besides a trouble with the link is raised here."""
+    """Return what came of one connection and a few reads; what is raised besides a trouble with the
+    link is raised here."""
     told = []
     link = None
     for _ in range(READS):
@@ -124,12 +131,17 @@ async def _heard(name, port):
 
 async def _opened(name, port):
     if name == "s7":
-        return await s7.open_link(s7.S7Settings(host="127.0.0.1", port=port, timeout_s=ANSWER_S), S7_RANGES)
-    return await lsv2.open_link(lsv2.Lsv2Settings(host="127.0.0.1", port=port, timeout_s=ANSWER_S), TNC_RANGES)
+        return await s7.open_link(
+            s7.S7Settings(host="127.0.0.1", port=port, timeout_s=ANSWER_S), S7_RANGES
+        )
+    return await lsv2.open_link(
+        lsv2.Lsv2Settings(host="127.0.0.1", port=port, timeout_s=ANSWER_S), TNC_RANGES
+    )
 
 
 def test_an_answer_without_end_is_given_up_and_never_kept():
-    """A network brings gigabytes while a poll waits; the unit has two, and ends what asks for more."""
+    """A network brings gigabytes while a poll waits; the unit has two, and ends what asks for
+    more."""
     listener = socket.create_server(("127.0.0.1", 0))
     sent = 0
 

@@ -1,4 +1,5 @@
-"""A laser's line, or a PLC, that says nothing but nonsense as fast as it can: the daemon lives, hears the other, and ends when told to."""
+"""A laser's line, or a PLC, that says nothing but nonsense as fast as it can: the daemon lives,
+hears the other, and ends when told to."""
 
 import os
 import random
@@ -52,7 +53,9 @@ def recording(folder, format_, plc, more=""):
     survey = folder / "flood.toml"
     survey.write_text(SURVEY.format(format=format_, port=line.name, plc=plc, page=page, more=more))
     with (folder / "log").open("wb") as log:
-        process = subprocess.Popen([sys.executable, "-m", "stepdiag", "run", str(survey)], stderr=log)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "stepdiag", "run", str(survey)], stderr=log
+        )
         try:
             while b'"ready"' not in (folder / "log").read_bytes():
                 assert process.poll() is None
@@ -90,7 +93,9 @@ def flooding(line, noise):
 def memory_mb(process):
     """Return the resident memory of a process."""
     status = Path(f"/proc/{process.pid}/status").read_text()
-    return next(int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmRSS"))
+    return next(
+        int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmRSS")
+    )
 
 
 def answers(page):
@@ -104,7 +109,8 @@ def answers(page):
 
 
 def computed_s(process):
-    """Return the processor time of a process so far, all threads, no children; of one that has ended too, until it is waited for."""
+    """Return the processor time of a process so far, all threads, no children; of one that has
+    ended too, until it is waited for."""
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -112,18 +118,24 @@ def computed_s(process):
 def ends(process):
     """End the daemon; return its exit code.
 
-    The promise is two seconds on a computer that has nothing else to do; on any computer it is as much computing, since whatever else wants
-    the processor costs none. A daemon that goes on reading noise does not end at all.
+    The promise is two seconds on a computer that has nothing else to do; on any computer it is as
+    much computing, since whatever else wants the processor costs none. A daemon that goes on
+    reading noise does not end at all.
     """
     before = computed_s(process)
     process.send_signal(signal.SIGTERM)
-    wait_until(lambda: os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None)
+    wait_until(
+        lambda: os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+    )
     assert computed_s(process) - before < ENDS_S
     return process.wait(60)
 
 
 @pytest.mark.impatient
-@pytest.mark.parametrize(("format_", "more", "noise"), [("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)])
+@pytest.mark.parametrize(
+    ("format_", "more", "noise"),
+    [("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)],
+)
 def test_noise_at_four_megabytes_a_second(tmp_path, format_, more, noise):
     """The machine goes on being polled, the page answers, memory stays, and SIGTERM works."""
     asked = []
@@ -135,7 +147,10 @@ def test_noise_at_four_megabytes_a_second(tmp_path, format_, more, noise):
 
     server = TcpServer(plc)
     try:
-        with recording(tmp_path, format_, server.port, more) as (process, line, page), flooding(line, noise):
+        with (
+            recording(tmp_path, format_, server.port, more) as (process, line, page),
+            flooding(line, noise),
+        ):
             wait_until(lambda: len(asked) > 5)
             time.sleep(1.5)
             before, heard = memory_mb(process), len(asked)
@@ -151,7 +166,8 @@ def test_noise_at_four_megabytes_a_second(tmp_path, format_, more, noise):
 
 @contextmanager
 def hostile_plc():
-    """Answer every request with something else: noise, half an answer, too much, another transaction, nothing."""
+    """Answer every request with something else: noise, half an answer, too much, another
+    transaction, nothing."""
     listener = socket.create_server(("127.0.0.1", 0))
     dice = random.Random(3)
     asked = []
@@ -160,7 +176,13 @@ def hostile_plc():
         with connection, suppress(OSError):
             while request := connection.recv(300):
                 asked.append(request)
-                kinds = (dice.randbytes(260), request[:5], dice.randbytes(200_000), b"\0\0" + request[2:7] + b"\x03\xff" * 100, b"")
+                kinds = (
+                    dice.randbytes(260),
+                    request[:5],
+                    dice.randbytes(200_000),
+                    b"\0\0" + request[2:7] + b"\x03\xff" * 100,
+                    b"",
+                )
                 connection.sendall(dice.choice(kinds))
 
     def accept():
@@ -178,8 +200,12 @@ def hostile_plc():
 
 @pytest.mark.impatient
 def test_a_hostile_plc_is_harmless(tmp_path):
-    """Nothing of what it says is taken, nothing is written to it, the laser is heard, and the daemon ends when it is told to."""
-    with hostile_plc() as (port, asked), recording(tmp_path, "line", port, PATTERN) as (process, line, page):
+    """Nothing of what it says is taken, nothing is written to it, the laser is heard, and the
+    daemon ends when it is told to."""
+    with (
+        hostile_plc() as (port, asked),
+        recording(tmp_path, "line", port, PATTERN) as (process, line, page),
+    ):
         before = memory_mb(process)
         end = time.monotonic() + 5.0
         while time.monotonic() < end or len(asked) < 3:

@@ -1,4 +1,5 @@
-"""The stale answer of Modbus RTU over a real pty slave, and links that are pulled out and put back."""
+"""The stale answer of Modbus RTU over a real pty slave, and links that are pulled out and put
+back."""
 
 import asyncio
 import itertools
@@ -34,10 +35,12 @@ def pty():
 
 
 class Machine:
-    """Registers that hold the millisecond at which the slave looked at them, so that an old answer shows."""
+    """Registers that hold the millisecond at which the slave looked at them, so that an old answer
+    shows."""
 
     def __init__(self, held=()):
-        """``held``: numbers of the requests, from 0, whose answer is sent only when the next request has come."""
+        """``held``: numbers of the requests, from 0, whose answer is sent only when the next
+        request has come."""
         self.began_ns = now_ns()
         self._numbers, self._held, self._waiting = itertools.count(), held, []
 
@@ -53,7 +56,8 @@ class Machine:
         return answers
 
     def age_ms(self, block):
-        """Milliseconds by which the registers are older than the request; negative where they are not."""
+        """Milliseconds by which the registers are older than the request; negative where they are
+        not."""
         looked = struct.unpack(">10H", block.data[0])[0]
         return (block.send_ns - self.began_ns) / 1e6 - looked
 
@@ -71,11 +75,14 @@ async def given_up(link):
 
 
 def test_a_bare_client_hands_out_old_answers_for_ever_after_one_that_came_late(pty):
-    """The hazard itself, so that the next test is known to be able to fail: instruments 4.3. The slave stays one answer behind."""
+    """The hazard itself, so that the next test is known to be able to fail: instruments 4.3. The
+    slave stays one answer behind."""
     machine, ages = Machine(held=range(1, 100)), []
 
     async def run():
-        client = AsyncModbusSerialClient(pty.name, baudrate=115200, timeout=LONG_S, retries=0, reconnect_delay=0)
+        client = AsyncModbusSerialClient(
+            pty.name, baudrate=115200, timeout=LONG_S, retries=0, reconnect_delay=0
+        )
         await client.connect()
         await client.read_holding_registers(0, count=10)
         answer_within(client, SHORT_S)
@@ -95,7 +102,8 @@ def test_a_bare_client_hands_out_old_answers_for_ever_after_one_that_came_late(p
 
 
 def test_an_answer_that_came_late_is_never_taken_for_the_next(pty):
-    """It comes when the next request has been sent: every block was looked up after it was asked for."""
+    """It comes when the next request has been sent: every block was looked up after it was asked
+    for."""
     machine, late_s = Machine(held=[1]), []
 
     async def run():
@@ -173,7 +181,9 @@ def test_a_line_pulled_out_is_read_again_when_it_returns(tmp_path):
 
     async def run():
         stream = SerialStream(SerialSettings(port=str(link)), lambda data, _: heard.append(data))
-        task = asyncio.create_task(Reconnector("laser", stream.session, lambda state, *_: states.append(state)).run())
+        task = asyncio.create_task(
+            Reconnector("laser", stream.session, lambda state, *_: states.append(state)).run()
+        )
         await asyncio.to_thread(use)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)

@@ -1,4 +1,5 @@
-"""Who gets what from the page: names, origins, tokens, files; over real connections to the page's own process."""
+"""Who gets what from the page: names, origins, tokens, files; over real connections to the page's
+own process."""
 
 import http.client
 import json
@@ -20,17 +21,25 @@ TOKEN = "a token of the tests: äöü"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """A page with a token over a finished survey; what is asked here changes nothing."""
-    with served(tmp_path_factory.mktemp("page"), token=TOKEN, names=("mill.example.org",)) as running:
+    with served(
+        tmp_path_factory.mktemp("page"), token=TOKEN, names=("mill.example.org",)
+    ) as running:
         running.do(running.survey.complete)
         yield running
 
 
 def ask(page, path, *, method="GET", body=b"", **headers):
-    """Return status, headers and body; a POST names the page as its origin, as a browser on the page does, unless another is given."""
+    """Return status, headers and body; a POST names the page as its origin, as a browser on the
+    page does, unless another is given."""
     connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=60)
     if method == "POST":
-        headers = {"Origin": f"http://{headers.get('Host') or page.address.removeprefix('http://')}", **headers}
-    connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+        headers = {
+            "Origin": f"http://{headers.get('Host') or page.address.removeprefix('http://')}",
+            **headers,
+        }
+    connection.request(
+        method, path, body, {name.replace("_", "-"): value for name, value in headers.items()}
+    )
     answer = connection.getresponse()
     told = answer.status, dict(answer.getheaders()), answer.read()
     connection.close()
@@ -43,7 +52,16 @@ def bearer(token):
 
 
 @pytest.mark.parametrize(
-    "host", ["localhost:8420", "127.0.0.1", "127.9.9.9:1", "[::1]:8420", "LOCALHOST.", "mill.example.org", "Mill.Example.org:443"]
+    "host",
+    [
+        "localhost:8420",
+        "127.0.0.1",
+        "127.9.9.9:1",
+        "[::1]:8420",
+        "LOCALHOST.",
+        "mill.example.org",
+        "Mill.Example.org:443",
+    ],
 )
 def test_names_of_this_computer_are_answered(page, host):
     assert ask(page, "/about.json", Host=host)[0] == 200
@@ -65,23 +83,53 @@ def test_names_of_this_computer_are_answered(page, host):
 )
 @pytest.mark.parametrize("path", ["/", "/stream", "/result.json"])
 def test_a_name_that_only_points_here_is_not(page, host, path):
-    """DNS rebinding: the browser of a machinist asks this computer under the name of somebody else's site."""
+    """DNS rebinding: the browser of a machinist asks this computer under the name of somebody
+    else's site."""
     assert ask(page, path, Host=host)[0] == 421
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://localhost.evil.example", "http://localhost:1"])
+@pytest.mark.parametrize(
+    "origin",
+    ["http://evil.example", "null", "https://localhost.evil.example", "http://localhost:1"],
+)
 def test_orders_from_another_site_are_refused(page, origin):
     """Even with the token."""
     order = json.dumps({"name": "start"}).encode()
-    assert ask(page, "/command", method="POST", body=order, Origin=origin, Host="localhost", Authorization=bearer(TOKEN))[0] == 403
-    assert ask(page, "/access", method="POST", Origin=origin, Host="localhost", Authorization=bearer(TOKEN))[0] == 403
+    assert (
+        ask(
+            page,
+            "/command",
+            method="POST",
+            body=order,
+            Origin=origin,
+            Host="localhost",
+            Authorization=bearer(TOKEN),
+        )[0]
+        == 403
+    )
+    assert (
+        ask(
+            page,
+            "/access",
+            method="POST",
+            Origin=origin,
+            Host="localhost",
+            Authorization=bearer(TOKEN),
+        )[0]
+        == 403
+    )
     assert page.do(lambda: list(page.survey.ordered)) == []
 
 
 def test_an_order_that_does_not_say_where_it_comes_from_is_refused(page):
     """A form of another site, in a browser that leaves Origin out: even with the token."""
     connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=60)
-    connection.request("POST", "/command", b'{"name":"start"}', {"Authorization": bearer(TOKEN), "Content-Type": "text/plain"})
+    connection.request(
+        "POST",
+        "/command",
+        b'{"name":"start"}',
+        {"Authorization": bearer(TOKEN), "Content-Type": "text/plain"},
+    )
     answer = connection.getresponse()
     assert (answer.status, "Origin" in answer.read().decode()) == (403, True)
     connection.close()
@@ -89,7 +137,8 @@ def test_an_order_that_does_not_say_where_it_comes_from_is_refused(page):
 
 
 def test_files_are_for_those_with_the_token(page):
-    """A list, a result, a report and a log: 403 without; by header, or by the cookie that the token was exchanged for."""
+    """A list, a result, a report and a log: 403 without; by header, or by the cookie that the token
+    was exchanged for."""
     paths = ("/downloads.json", "/result.json", "/download/report.html", "/download/result.json")
     assert [ask(page, path)[0] for path in paths] == [403] * 4
     assert [ask(page, path, Authorization=bearer(TOKEN))[0] for path in paths] == [200] * 4
@@ -133,18 +182,42 @@ def certified(folder):
     """Return a certificate for localhost and its key, as files."""
     crt, key = folder / "page.crt", folder / "page.key"
     subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=localhost",
-         "-days", "2", "-addext", "subjectAltName=DNS:localhost", "-keyout", key, "-out", crt], check=True, capture_output=True,
-    )  # fmt: skip
+        [
+            "openssl",
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:prime256v1",
+            "-nodes",
+            "-subj",
+            "/CN=localhost",
+            "-days",
+            "2",
+            "-addext",
+            "subjectAltName=DNS:localhost",
+            "-keyout",
+            key,
+            "-out",
+            crt,
+        ],
+        check=True,
+        capture_output=True,
+    )
     return crt, key
 
 
 def test_who_says_nothing_of_encryption_keeps_no_place(tmp_path):
-    """A connection that never begins its TLS handshake is closed like one that never says what it wants: long before a minute is over."""
+    """A connection that never begins its TLS handshake is closed like one that never says what it
+    wants: long before a minute is over."""
     crt, key = certified(tmp_path)
     with served(tmp_path, certificate=str(crt), key=str(key)) as page:
         port = int(page.address.rpartition(":")[2])
-        with socket.create_connection(("127.0.0.1", port), timeout=60) as silent, socket.create_connection(("127.0.0.1", port)) as half:
+        with (
+            socket.create_connection(("127.0.0.1", port), timeout=60) as silent,
+            socket.create_connection(("127.0.0.1", port)) as half,
+        ):
             half.settimeout(60)
             half.sendall(b"\x16\x03\x01\x02\x00\x01")
             assert silent.recv(1) == b""
@@ -156,8 +229,14 @@ def test_certificates_encrypt_the_page(tmp_path):
     crt, key = certified(tmp_path)
     with served(tmp_path, token=TOKEN, certificate=str(crt), key=str(key)) as page:
         port = int(page.address.rpartition(":")[2])
-        connection = http.client.HTTPSConnection("localhost", port, timeout=60, context=ssl.create_default_context(cafile=str(crt)))
-        connection.request("POST", "/access", headers={"Authorization": bearer(TOKEN), "Origin": f"https://localhost:{port}"})
+        connection = http.client.HTTPSConnection(
+            "localhost", port, timeout=60, context=ssl.create_default_context(cafile=str(crt))
+        )
+        connection.request(
+            "POST",
+            "/access",
+            headers={"Authorization": bearer(TOKEN), "Origin": f"https://localhost:{port}"},
+        )
         answer = connection.getresponse()
         assert answer.status == 204
         assert "secure" in answer.getheader("set-cookie").lower()

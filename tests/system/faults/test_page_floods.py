@@ -1,4 +1,5 @@
-"""What somebody on the network does to the page while a pass is recorded: every stop is captured, and the log stays readable."""
+"""What somebody on the network does to the page while a pass is recorded: every stop is captured,
+and the log stays readable."""
 
 import os
 import resource
@@ -27,7 +28,8 @@ GARBAGE = (
 
 
 def many(place, port, count, words):
-    """Open connections that say something, or nothing, and are never read; those that are refused count as well."""
+    """Open connections that say something, or nothing, and are never read; those that are refused
+    count as well."""
     for _ in range(count):
         with suppress(OSError):
             one = place.enter_context(socket.create_connection(("127.0.0.1", port), timeout=0.2))
@@ -42,7 +44,10 @@ def flooded(port):
     def hammer():
         while not stop.wait(0.005):
             for words in GARBAGE:
-                with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=0.2) as one:
+                with (
+                    suppress(OSError),
+                    socket.create_connection(("127.0.0.1", port), timeout=0.2) as one,
+                ):
                     one.sendall(words)
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -62,10 +67,19 @@ def flooded(port):
 
 
 def test_every_stop_is_captured_whatever_happens_to_the_page(tmp_path):
-    """Idle connections by the thousand, hundreds of streams, garbage without end: 26 of 26 stops, and a log that a person can read."""
+    """Idle connections by the thousand, hundreds of streams, garbage without end: 26 of 26 stops,
+    and a log that a person can read."""
     port = reserved_port()
     with (
-        hall(tmp_path, setups=("ppp", "npp"), n=4, handshake=True, dwell=2.5, page=True, page_port=port) as place,
+        hall(
+            tmp_path,
+            setups=("ppp", "npp"),
+            n=4,
+            handshake=True,
+            dwell=2.5,
+            page=True,
+            page_port=port,
+        ) as place,
         daemon(place.survey) as process,
     ):
         with flooded(port):
@@ -80,16 +94,22 @@ def answers_soon(port):
     """Return whether the page answers once those who kept it busy have gone."""
     end = time.monotonic() + 60.0
     while time.monotonic() < end:
-        with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}/about.json", timeout=10) as answer:
+        with (
+            suppress(OSError),
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/about.json", timeout=10) as answer,
+        ):
             return answer.status == 200
     return False
 
 
 def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp_path):
-    """kill -9 of the page's process in the middle of a pass: every stop is there, and the page answers again."""
+    """kill -9 of the page's process in the middle of a pass: every stop is there, and the page
+    answers again."""
     port = reserved_port()
     with (
-        hall(tmp_path, setups=("ppp",), n=2, handshake=True, dwell=0.5, page=True, page_port=port) as place,
+        hall(
+            tmp_path, setups=("ppp",), n=2, handshake=True, dwell=0.5, page=True, page_port=port
+        ) as place,
         daemon(place.survey) as process,
     ):
         while not (pid := page_process(process.process.pid)):
@@ -104,7 +124,8 @@ def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp
 
 @pytest.mark.parametrize("after_s", [0.0, 0.1, 0.4])
 def test_a_page_that_dies_while_it_starts_comes_back_too(tmp_path, after_s):
-    """Its pipe may break before or after the first word over it; the line to it is closed only once."""
+    """Its pipe may break before or after the first word over it; the line to it is closed only
+    once."""
     with served(tmp_path) as page:
         while not (pid := page_process(os.getpid())):
             time.sleep(0.005)

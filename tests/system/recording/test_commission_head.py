@@ -1,4 +1,5 @@
-"""A head that commissions itself: the machine jogs and stands, the daemon records, one command makes the calibration file of it."""
+"""A head that commissions itself: the machine jogs and stands, the daemon records, one command
+makes the calibration file of it."""
 
 import json
 
@@ -54,20 +55,53 @@ def fourdof(*arguments):
 
 @pytest.mark.impatient
 def test_a_head_out_of_the_box_measures_after_one_run(tmp_path):
-    """No stage, no typed sign: the jogs and wobbles of its run make the calibration with which the same run is then evaluated."""
-    fourdof("new", "--id", "4D-001", "--psd1-focal-mm", 150, "--psd2-focal-mm", 150, "--out", tmp_path / "head.toml")
+    """No stage, no typed sign: the jogs and wobbles of its run make the calibration with which the
+    same run is then evaluated."""
+    fourdof(
+        "new",
+        "--id",
+        "4D-001",
+        "--psd1-focal-mm",
+        150,
+        "--psd2-focal-mm",
+        150,
+        "--out",
+        tmp_path / "head.toml",
+    )
     more = survey_section(tmp_path / "devices" / "head")
     program = "commission_s = [20.0, 120.0, 30.0]"
     with hall(
-        tmp_path, setups=("fourdof-x",), n=4, back=True, handshake=True, dwell=5.0, laser_bench=HEAD, laser_survey=more, program=program
+        tmp_path,
+        setups=("fourdof-x",),
+        n=4,
+        back=True,
+        handshake=True,
+        dwell=5.0,
+        laser_bench=HEAD,
+        laser_survey=more,
+        program=program,
     ) as place:
         with daemon(place.survey, wait_for=("laser", "machine", "head")) as process:
             place.start_setups()
             said = until(process, "survey-open")
         assert "next: `stepdiag fourdof commission`" in said[-1]["reason"]
         logs, truth = place.round, build_machine(read_config(tmp_path / "bench.toml")).truth(4)
-    found = json.loads(fourdof("commission", logs, "--calibration", tmp_path / "head.toml", "--out", tmp_path / "made.toml", "--json"))
-    for name, true in (("qd.rotation_mrad", 25.0), ("psd1.rotation_mrad", -20.0), ("psd2.rotation_mrad", 15.0)):
+    found = json.loads(
+        fourdof(
+            "commission",
+            logs,
+            "--calibration",
+            tmp_path / "head.toml",
+            "--out",
+            tmp_path / "made.toml",
+            "--json",
+        )
+    )
+    for name, true in (
+        ("qd.rotation_mrad", 25.0),
+        ("psd1.rotation_mrad", -20.0),
+        ("psd2.rotation_mrad", 15.0),
+    ):
         assert abs(found["fields"][name]["value"] - true) < 3 * found["fields"][name]["u"], name
     file = parse_head_file((tmp_path / "made.toml").read_bytes(), "made.toml")
     assert (file.qd.x.sign, file.qd.y.sign, file.psd1.x.sign, file.psd1.y.sign) == (-1, 1, 1, -1)
@@ -75,7 +109,12 @@ def test_a_head_out_of_the_box_measures_after_one_run(tmp_path):
     assert file.absent() == []
     assert {each.by for each in file.measured.values()} == {"fourdof commission"}
     replayed = replay(find_logs([logs]))
-    measured = evaluate_head(replayed.survey, replayed.book.passes, {"head.toml": (tmp_path / "made.toml").read_bytes()}, {})
+    measured = evaluate_head(
+        replayed.survey,
+        replayed.book.passes,
+        {"head.toml": (tmp_path / "made.toml").read_bytes()},
+        {},
+    )
     for name, known in measured.angles.items():
         assert np.all(np.abs(known.value_urad - truth.errors[name]) <= 3 * known.u_urad), name
     for one in over_passes(measured):

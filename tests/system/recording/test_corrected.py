@@ -1,4 +1,5 @@
-"""A survey file that is corrected while the daemon runs: the page shows what changes, and a person with the token applies it."""
+"""A survey file that is corrected while the daemon runs: the page shows what changes, and a person
+with the token applies it."""
 
 import json
 
@@ -13,13 +14,18 @@ pytestmark = pytest.mark.system
 
 
 def test_a_corrected_file_is_applied_on_the_page_and_the_survey_goes_on(tmp_path):
-    """The laser counts the other way round: no pass of ppp is whole until the sign is corrected, and none is driven twice."""
+    """The laser counts the other way round: no pass of ppp is whole until the sign is corrected,
+    and none is driven twice."""
     port, token = reserved_port(), "a token of the tests"
-    with hall(tmp_path, setups=("ppp", "npp"), page=True, page_port=port, laser_survey="sign = -1") as place:
+    with hall(
+        tmp_path, setups=("ppp", "npp"), page=True, page_port=port, laser_survey="sign = -1"
+    ) as place:
         file = tmp_path / "survey.token"
         file.write_text(token)
         file.chmod(0o600)
-        text = place.survey.read_text().replace("enabled = true\nport", 'enabled = true\ntoken_file = "survey.token"\nport')
+        text = place.survey.read_text().replace(
+            "enabled = true\nport", 'enabled = true\ntoken_file = "survey.token"\nport'
+        )
         place.survey.write_text(text)
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
@@ -34,4 +40,6 @@ def test_a_corrected_file_is_applied_on_the_page_and_the_survey_goes_on(tmp_path
         standing = json.loads(out)
         assert standing["round"] == "0001"
         assert standing["result"]
-        assert [(each.name, each.changes) for each in corrections_in(place.round)] == [("somebody", ("laser.sign: -1 -> 1",))]
+        assert [(each.name, each.changes) for each in corrections_in(place.round)] == [
+            ("somebody", ("laser.sign: -1 -> 1",))
+        ]

@@ -1,4 +1,5 @@
-"""One life of a finding, over real sockets and ptys: what is doubted keeps its pass open until it is driven again or accepted."""
+"""One life of a finding, over real sockets and ptys: what is doubted keeps its pass open until it
+is driven again or accepted."""
 
 import json
 
@@ -21,11 +22,16 @@ QUICK = {
 
 
 def fault(**fields):
-    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+    return "[[fault]]\n" + "".join(
+        f"{key} = {json.dumps(value)}\n" for key, value in fields.items()
+    )
 
 
-UNSIGNALLED = fault(kind="stop-unsignalled", setup="npp", stop=2) + fault(kind="dwell-longer", setup="npp", stop=2, duration_s=2.5)
-"""Modbus does not show the stop; it is taken from the laser's plateau, half a second long, and doubted."""
+UNSIGNALLED = fault(kind="stop-unsignalled", setup="npp", stop=2) + fault(
+    kind="dwell-longer", setup="npp", stop=2, duration_s=2.5
+)
+"""Modbus does not show the stop; it is taken from the laser's plateau, half a second long, and
+doubted."""
 
 
 def drive_all(place, process):
@@ -35,7 +41,8 @@ def drive_all(place, process):
 
 @pytest.mark.impatient
 def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
-    """Readings, no result before; the same words in journal and status, before and after a restart; accepted by name, shown, replayed."""
+    """Readings, no result before; the same words in journal and status, before and after a restart;
+    accepted by name, shown, replayed."""
     options = {**QUICK, "exports": "", "handshake": False, "dwell": 2.5}
     with hall(tmp_path, faults=UNSIGNALLED, **options) as place:
         with daemon(place.survey) as process:
@@ -47,13 +54,25 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
         assert "it waits for: doubted: npp/1/2" in live
         assert "machine: connected" in live
         assert not (place.round / "result.json").exists()
-        assert [(each["place"], each["code"]) for each in told["doubts"]] == [("npp/1/2", "stop-recovered")]
-        assert [each["state"] for each in told["findings"] if each["place"] == "npp/1/2"][-1] == "open"
+        assert [(each["place"], each["code"]) for each in told["doubts"]] == [
+            ("npp/1/2", "stop-recovered")
+        ]
+        assert [each["state"] for each in told["findings"] if each["place"] == "npp/1/2"][
+            -1
+        ] == "open"
         refused = stepdiag("accept", place.survey, "ppp/1/2", "--reason", "why not")
         assert refused.code == 2
         assert "npp/1/2 (stop-recovered)" in refused.refusal
         with daemon(place.survey) as process:
-            done = stepdiag("accept", place.survey, "npp/1/2", "--reason", "a hand on the cable", "--name", "Kim")
+            done = stepdiag(
+                "accept",
+                place.survey,
+                "npp/1/2",
+                "--reason",
+                "a hand on the cable",
+                "--name",
+                "Kim",
+            )
             assert done.code == 0, done.refusal
             assert until(process, "survey-complete")[-1]["exit_code"] == 0
         assert (place.round / "readings.csv").read_text() == readings
@@ -68,7 +87,8 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
 
 
 def drive_again(place):
-    """Write the survey file of a hall whose machine drives some setups twice: the plan names each once."""
+    """Write the survey file of a hall whose machine drives some setups twice: the plan names each
+    once."""
     text = place.survey.read_text()
     named = ", ".join(f'"{setup}"' for setup in place.setups)
     planned = ", ".join(f'"{setup}"' for setup in dict.fromkeys(place.setups))
@@ -77,9 +97,18 @@ def drive_again(place):
 
 @pytest.mark.impatient
 def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again(tmp_path):
-    """Afterwards nothing of them hinders: result and files are there, what happened stands in the annex."""
-    faults = UNSIGNALLED + fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05)
-    options = {**QUICK, "exports": "", "handshake": False, "dwell": 2.5, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
+    """Afterwards nothing of them hinders: result and files are there, what happened stands in the
+    annex."""
+    faults = UNSIGNALLED + fault(
+        kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05
+    )
+    options = {
+        **QUICK,
+        "exports": "",
+        "handshake": False,
+        "dwell": 2.5,
+        "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp"),
+    }
     with hall(tmp_path, faults=faults, **options) as place:
         drive_again(place)
         with daemon(place.survey) as process:
@@ -89,7 +118,9 @@ def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again
     assert {"beam-lost", "stop-recovered"} <= {each.get("code") for each in said}
     assert book.doubts() == ()
     result = json.loads((place.round / "result.json").read_text())
-    assert not {"beam-lost", "stop-recovered", "stop-lost"} & {each["code"] for each in result["findings"]}
+    assert not {"beam-lost", "stop-recovered", "stop-lost"} & {
+        each["code"] for each in result["findings"]
+    }
     assert not [each for each in result["findings"] if each["severity"] == "error"]
     assert {"beam-lost", "stop-recovered"} <= {each["code"] for each in result["history"]}
     assert "Annex: what happened while recording" in (place.round / "report.html").read_text()
@@ -97,8 +128,11 @@ def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again
 
 @pytest.mark.impatient
 def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
-    """The same reason in journal, status and page; the readings are written; the next daemon goes on with it, and begins nothing new."""
-    (tmp_path / "angles.csv").write_text("axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,1,1,1\nx,100,nonsense,1,1\n")
+    """The same reason in journal, status and page; the readings are written; the next daemon goes
+    on with it, and begins nothing new."""
+    (tmp_path / "angles.csv").write_text(
+        "axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,1,1,1\nx,100,nonsense,1,1\n"
+    )
     options = {**QUICK, "exports": '[solver]\nangles = "angles.csv"\n', "setups": ("ppp", "npp")}
     with hall(tmp_path, **options) as place:
         with daemon(place.survey) as process:

@@ -1,4 +1,5 @@
-"""What was recorded twice must agree, or be named on its stop: over real processes, sockets and ptys."""
+"""What was recorded twice must agree, or be named on its stop: over real processes, sockets and
+ptys."""
 
 import csv
 import json
@@ -14,7 +15,8 @@ from testkit.running.verdict import nothing_silently_wrong
 pytestmark = pytest.mark.system
 
 LEAST_U_UM = 0.0005
-"""Steps of two nanometres, the finest instrument's, over the root of twelve: no reading is known better."""
+"""Steps of two nanometres, the finest instrument's, over the root of twelve: no reading is known
+better."""
 COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensated = true\n"}
 
 
@@ -25,8 +27,11 @@ def findings_of(said, code):
 
 @pytest.mark.impatient
 def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
-    """Thirds of 200 and 100 mm written with one decimal: the readings stand at the positions commanded, and the difference is said."""
-    with hall(tmp_path, n=3, handshake=True, dwell=0.5, program="decimals = 1\n", **COMPENSATED) as place:
+    """Thirds of 200 and 100 mm written with one decimal: the readings stand at the positions
+    commanded, and the difference is said."""
+    with hall(
+        tmp_path, n=3, handshake=True, dwell=0.5, program="decimals = 1\n", **COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-complete")
@@ -40,31 +45,44 @@ def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
 @pytest.mark.impatient
 def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     """In the journal, in the result and in the report."""
-    signals = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n'
+    signals = (
+        '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress '
+        "= 3\n"
+    )
     with hall(tmp_path, n=1, signals=signals, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-complete")
         nothing_silently_wrong(place)
-        code, _, _ = stepdiag("report", place.round / "result.json", "--out", tmp_path / "report.html")
+        code, _, _ = stepdiag(
+            "report", place.round / "result.json", "--out", tmp_path / "report.html"
+        )
     (text, *_) = findings_of(said, "signals-absent")
     result = json.loads((place.round / "result.json").read_text())
     assert text in [each["text"] for each in result["findings"]]
     assert code == 0
-    assert "every stop is taken to be where the plan has it" in (tmp_path / "report.html").read_text()
+    assert (
+        "every stop is taken to be where the plan has it" in (tmp_path / "report.html").read_text()
+    )
 
 
 def fault(**fields):
     """Return a fault of the bench as its file has it."""
-    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+    return "[[fault]]\n" + "".join(
+        f"{key} = {json.dumps(value)}\n" for key, value in fields.items()
+    )
 
 
 def longer(stop, seconds, setup="ppp"):
-    """Return the fault by which a stop dwells longer, in seconds of the machine, ten to one of ours: room for what happens there."""
+    """Return the fault by which a stop dwells longer, in seconds of the machine, ten to one of
+    ours: room for what happens there."""
     return fault(kind="dwell-longer", setup=setup, stop=stop, duration_s=seconds)
 
 
-THERE_AND_BACK = [{"kind": "laser-jump", "value": size, "delay_s": at} for size, at in ((30.0, 0.3), (-30.0, 0.36))]
+THERE_AND_BACK = [
+    {"kind": "laser-jump", "value": size, "delay_s": at}
+    for size, at in ((30.0, 0.3), (-30.0, 0.36))
+]
 """Ten per cent of the samples lie far from the others: more than noise explains, and no step."""
 
 
@@ -74,12 +92,17 @@ THERE_AND_BACK = [{"kind": "laser-jump", "value": size, "delay_s": at} for size,
     [
         ("window-step", "a step of +", [{"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}]),
         ("window-step", "samples lie far from the others", THERE_AND_BACK),
-        ("laser-frozen", "sent one value", [{"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}]),
+        (
+            "laser-frozen",
+            "sent one value",
+            [{"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}],
+        ),
     ],
     ids=["step", "jump", "frozen"],
 )
 def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, words, troubles):
-    """A step inside the dwell, a reading that jumps and comes back, a frozen value: named on the stop; the pass is to be driven again."""
+    """A step inside the dwell, a reading that jumps and comes back, a frozen value: named on the
+    stop; the pass is to be driven again."""
     faults = longer(2, 3.5) + "".join(fault(setup="ppp", stop=2, **each) for each in troubles)
     with hall(tmp_path, n=1, setups=("ppp",), faults=faults, **COMPENSATED) as place:
         with daemon(place.survey) as process:
@@ -89,7 +112,9 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, wo
         told = stepdiag("status", place.survey).out
     assert "stop 2 of 3" in findings_of(said, code)[0]
     assert words in findings_of(said, code)[0]
-    assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [("ppp", 1, 2, code)]
+    assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [
+        ("ppp", 1, 2, code)
+    ]
     assert not book.complete()
     assert "may be off" in told
     assert "drive again from stop 1 on" in told
@@ -113,25 +138,38 @@ DRIVEN_AGAIN = [
 @pytest.mark.impatient
 @pytest.mark.parametrize(("signals", "back_by", "box"), DRIVEN_AGAIN)
 def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
-    """Whole, or from a stop: the laser's unbroken count says where the machine is, and every reading is right."""
+    """Whole, or from a stop: the laser's unbroken count says where the machine is, and every
+    reading is right."""
     trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=back_by, duration_s=10.0)
-    with hall(tmp_path, dwell=3.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED) as place:
+    with hall(
+        tmp_path, dwell=3.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
-    assert [len(only.measured[stop]) for stop in range(7)] == [1 + (4 - back_by <= stop <= 4) for stop in range(7)]
+    assert [len(only.measured[stop]) for stop in range(7)] == [
+        1 + (4 - back_by <= stop <= 4) for stop in range(7)
+    ]
     assert findings_of(said, "stop-again")
-    alike = "X and Y and Z make the same step along the diagonal, so the laser cannot distinguish these axes"
-    assert any(alike in text for text in findings_of(said, "signals-absent")) == (box.get("size") == CUBE)
+    alike = (
+        "X and Y and Z make the same step along the diagonal, so the laser cannot distinguish "
+        "these axes"
+    )
+    assert any(alike in text for text in findings_of(said, "signals-absent")) == (
+        box.get("size") == CUBE
+    )
 
 
 @pytest.mark.impatient
 def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_is_right(tmp_path):
-    """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first stop reads as the last one would."""
-    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=2, duration_s=20.0) + longer(2, 3.5)
+    """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first
+    stop reads as the last one would."""
+    troubles = fault(
+        kind="program-aborted", setup="ppp", stop=2, value=2, duration_s=20.0
+    ) + longer(2, 3.5)
     troubles += fault(kind="beam-lost", setup="ppp", stop=2, delay_s=1.5, duration_s=0.2)
     unplaced = {"setups": ("ppp",), "signals": STOPPED, "size": CUBE, "faults": troubles}
     with hall(tmp_path, n=1, **unplaced, **COMPENSATED) as place:
@@ -150,9 +188,12 @@ def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_i
 
 @pytest.mark.impatient
 def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_doubted(tmp_path):
-    """A box by `stopped` alone, the beam cut on the way: the step tells which stop it is, but nobody that the pass was not begun anew."""
+    """A box by `stopped` alone, the beam cut on the way: the step tells which stop it is, but
+    nobody that the pass was not begun anew."""
     trouble = fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.1)
-    with hall(tmp_path, n=1, dwell=3.0, setups=("ppp",), signals=STOPPED, faults=trouble, **COMPENSATED) as place:
+    with hall(
+        tmp_path, n=1, dwell=3.0, setups=("ppp",), signals=STOPPED, faults=trouble, **COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")
@@ -174,8 +215,16 @@ def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_do
     ids=["feed hold, stopped", "feed hold, counted", "stuck counter"],
 )
 def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, trouble):
-    """A standstill between two stops is none, a counter that stands still is named once; the pass is whole and right."""
-    with hall(tmp_path, dwell=3.0, setups=("ppp",), signals=signals, faults=fault(setup="ppp", **trouble), **COMPENSATED) as place:
+    """A standstill between two stops is none, a counter that stands still is named once; the pass
+    is whole and right."""
+    with hall(
+        tmp_path,
+        dwell=3.0,
+        setups=("ppp",),
+        signals=signals,
+        faults=fault(setup="ppp", **trouble),
+        **COMPENSATED,
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
@@ -188,7 +237,8 @@ def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, troub
 
 @pytest.mark.impatient
 def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_path):
-    """Whether the machine stood where it should a person says: the words are in journal and status."""
+    """Whether the machine stood where it should a person says: the words are in journal and
+    status."""
     trouble = fault(kind="plc-alarm", setup="ppp", stop=2, phase="move", duration_s=0.2)
     with hall(tmp_path, n=1, dwell=3.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
@@ -204,8 +254,11 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
 
 @pytest.mark.impatient
 def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
-    """The program goes two stops back after the mirror was touched: three stops measured on both sides join the count."""
-    troubles = fault(kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0) + longer(4, 3.5)
+    """The program goes two stops back after the mirror was touched: three stops measured on both
+    sides join the count."""
+    troubles = fault(
+        kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0
+    ) + longer(4, 3.5)
     troubles += fault(kind="laser-jump", setup="ppp", stop=4, value=55.0, delay_s=0.9)
     with hall(tmp_path, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
         with daemon(place.survey) as process:
@@ -214,13 +267,19 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
-    assert "stop 2 of 6: measured again it reads +55.0 µm otherwise" in findings_of(said, "reading-differs")[0]
+    assert (
+        "stop 2 of 6: measured again it reads +55.0 µm otherwise"
+        in findings_of(said, "reading-differs")[0]
+    )
 
 
 @pytest.mark.impatient
 def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_stays_open(tmp_path):
-    """Whether the mirror moved or turned nobody knows: the pass is asked for again from two stops before, and a person hears why."""
-    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=0.0, duration_s=15.0) + longer(2, 3.5)
+    """Whether the mirror moved or turned nobody knows: the pass is asked for again from two stops
+    before, and a person hears why."""
+    troubles = fault(
+        kind="program-aborted", setup="ppp", stop=2, value=0.0, duration_s=15.0
+    ) + longer(2, 3.5)
     troubles += fault(kind="laser-jump", setup="ppp", stop=2, value=55.0, delay_s=1.4)
     with hall(tmp_path, n=1, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
         with daemon(place.survey) as process:
@@ -228,8 +287,12 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
             said = until(process, "survey-open")
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
-    assert "stop 2 of 3: measured again it reads +55.0 µm otherwise" in findings_of(said, "reading-differs")[0]
-    # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or after it
+    assert (
+        "stop 2 of 3: measured again it reads +55.0 µm otherwise"
+        in findings_of(said, "reading-differs")[0]
+    )
+    # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or
+    # after it
     (doubt,) = book.doubts()
     assert (doubt.code, doubt.stop in (2, 3)) == ("reading-differs", True)
     assert "stop 2 read +55.0 µm otherwise" in told
@@ -239,9 +302,21 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
 @pytest.mark.impatient
 @pytest.mark.parametrize("slip_um", [5.0, -200.0])
 def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
-    """Out against back: the pass is named, or both where either may be at fault; the survey waits."""
-    trouble = fault(kind="laser-jump", setup="ppp", pass_number=1, stop=4, phase="move", value=slip_um)
-    with hall(tmp_path, n=3, back=True, handshake=True, dwell=0.5, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+    """Out against back: the pass is named, or both where either may be at fault; the survey
+    waits."""
+    trouble = fault(
+        kind="laser-jump", setup="ppp", pass_number=1, stop=4, phase="move", value=slip_um
+    )
+    with hall(
+        tmp_path,
+        n=3,
+        back=True,
+        handshake=True,
+        dwell=0.5,
+        setups=("ppp",),
+        faults=trouble,
+        **COMPENSATED,
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             until(process, "pass-ended", kind="complete")
@@ -249,7 +324,9 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
         book = nothing_silently_wrong(place)
     texts = findings_of(said, "count-slip")
     assert any("ppp out, stop 4 of 9: count slip of" in text for text in texts), texts
-    assert next(each.size_um for each in book.doubts() if (each.pass_number, each.stop) == (1, 4)) == pytest.approx(slip_um, abs=1.0)
+    assert next(
+        each.size_um for each in book.doubts() if (each.pass_number, each.stop) == (1, 4)
+    ) == pytest.approx(slip_um, abs=1.0)
     assert not book.complete()
     assert {each.code for each in book.doubts()} == {"count-slip"}
 
@@ -259,13 +336,32 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
     """Nothing in the recording tells it: the solver names it, and what else it may have been."""
     trouble = fault(kind="laser-jump", setup="npp", pass_number=1, stop=4, phase="move", value=20.0)
     runs = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
-    driven = {"n": 2, "handshake": True, "dwell": 0.1, "setups": runs, "faults": trouble, **COMPENSATED}
+    driven = {
+        "n": 2,
+        "handshake": True,
+        "dwell": 0.1,
+        "setups": runs,
+        "faults": trouble,
+        **COMPENSATED,
+    }
     with hall(tmp_path, **driven) as place, daemon(place.survey) as process:
         place.start_setups(stop_after=len(runs))
         reason = until(process, "survey-open")[-1]["reason"]
-    doubted = {each["place"] for each in json.loads(stepdiag("status", place.survey, "--json").out)["doubts"]}
-    assert doubted == {f"{setup}/{number}" for setup, number in re.findall(r"setup (\S+), pass (\d), stop", reason)} != set()
-    (size,) = set(re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) µm before it\)", reason))
+    doubted = {
+        each["place"]
+        for each in json.loads(stepdiag("status", place.survey, "--json").out)["doubts"]
+    }
+    assert (
+        doubted
+        == {
+            f"{setup}/{number}"
+            for setup, number in re.findall(r"setup (\S+), pass (\d), stop", reason)
+        }
+        != set()
+    )
+    (size,) = set(
+        re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) µm before it\)", reason)
+    )
     assert float(size) == pytest.approx(20.0, abs=1.0)
     assert not (place.round / "result.json").exists()
 
@@ -275,20 +371,33 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
 def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
     """Counter and position come 0.1 s after the stop signal: nothing is said, nothing is lost."""
     paced = {"handshake": handshake, "dwell": 0.5 if handshake else 4.0}
-    with hall(tmp_path, n=2, setups=("ppp",), plc_bench="lag_s = 0.1\n", feed=6000.0, **paced, **COMPENSATED) as place:
+    with hall(
+        tmp_path,
+        n=2,
+        setups=("ppp",),
+        plc_bench="lag_s = 0.1\n",
+        feed=6000.0,
+        **paced,
+        **COMPENSATED,
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
-    assert not [each for each in said if each["event"] == "finding" and each["code"] != "instrument-reports"]
+    assert not [
+        each for each in said if each["event"] == "finding" and each["code"] != "instrument-reports"
+    ]
 
 
 @pytest.mark.impatient
 def test_a_stop_signal_that_flickers(tmp_path):
-    """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once; the journal says each stop and what is awaited."""
-    trouble = longer(2, 9.5) + fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
+    """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once; the journal says each
+    stop and what is awaited."""
+    trouble = longer(2, 9.5) + fault(
+        kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04
+    )
     with hall(tmp_path, n=1, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -300,6 +409,12 @@ def test_a_stop_signal_that_flickers(tmp_path):
     assert [(each["stop"], each["of"]) for each in stops] == [(0, 3), (1, 3), (2, 3), (3, 3)]
     for each, nominal_mm in zip(stops, only.route.nominal_mm, strict=True):
         assert each["reading_mm"] == pytest.approx(nominal_mm, abs=0.1)
-        assert each["deviation_um"] == pytest.approx(1e3 * (each["reading_mm"] - nominal_mm), abs=0.01)
-    assert [each["waits_for"].partition(", ")[0] for each in stops[:3]] == ["ppp 1/3", "ppp 2/3", "ppp 3/3"]
+        assert each["deviation_um"] == pytest.approx(
+            1e3 * (each["reading_mm"] - nominal_mm), abs=0.01
+        )
+    assert [each["waits_for"].partition(", ")[0] for each in stops[:3]] == [
+        "ppp 1/3",
+        "ppp 2/3",
+        "ppp 3/3",
+    ]
     assert only.chosen()[2].window_to_ns - only.chosen()[2].window_from_ns > 0.3e9

@@ -1,4 +1,5 @@
-"""A survey goes on with setups that its plan did not have: written by hand, or taken from what the daemon states after each setup."""
+"""A survey goes on with setups that its plan did not have: written by hand, or taken from what the
+daemon states after each setup."""
 
 import json
 
@@ -11,11 +12,14 @@ pytestmark = pytest.mark.system
 
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x")
 SIZES = 'compensation = "off"\n[uncertainty]\nbetween_um = 0.0\nshape_um = 0.1\n'
-"""Of what four coarse diagonals leave between their targets nothing is assumed: so a further setup gains."""
+"""Of what four coarse diagonals leave between their targets nothing is assumed: so a further setup
+gains."""
 
 
 def test_a_survey_goes_on_with_further_setups_and_keeps_its_logs(tmp_path):
-    with hall(tmp_path, setups=SETUPS, back=True, propose=True, handshake=True, machine=SIZES) as place:
+    with hall(
+        tmp_path, setups=SETUPS, back=True, propose=True, handshake=True, machine=SIZES
+    ) as place:
         planned = place.survey.read_text()
         place.survey.write_text(planned.replace(', "linear-x"]', "]"))
         with daemon(place.survey) as process:
@@ -38,7 +42,10 @@ def test_a_survey_goes_on_with_further_setups_and_keeps_its_logs(tmp_path):
         rounds = [place.folder / "hall" / name for name in ("0001", "0002", "0003")]
         assert [(each / "result.json").exists() for each in rounds] == [True, True, False]
         assert [len(list(each.glob("*.mcap"))) for each in rounds] == [8, 10, 10]
-        scales = [json.loads((each / "result.json").read_text())["scale"]["X"]["identified"] for each in rounds[:2]]
+        scales = [
+            json.loads((each / "result.json").read_text())["scale"]["X"]["identified"]
+            for each in rounds[:2]
+        ]
         assert scales == [False, True]
         code, out, refusal = stepdiag("replay", rounds[1], "--out", tmp_path / "again", "--json")
         assert code == 0, refusal

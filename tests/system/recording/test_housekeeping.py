@@ -22,9 +22,17 @@ def test_it_says_that_the_disk_is_nearly_full(tmp_path):
 
 @pytest.mark.impatient
 def test_a_finished_survey_is_packed_when_the_budget_is_exceeded(tmp_path):
-    """Both done by processes that the daemon starts: what lies in its working directory and is called like a library is none of theirs."""
+    """Both done by processes that the daemon starts: what lies in its working directory and is
+    called like a library is none of theirs."""
     (tmp_path / "numpy.py").write_text("raise SystemExit('not this one')\n")
-    program = ("env", "-C", str(tmp_path), "-u", "PYTHONSAFEPATH", str(Path(sys.executable).with_name("stepdiag")))
+    program = (
+        "env",
+        "-C",
+        str(tmp_path),
+        "-u",
+        "PYTHONSAFEPATH",
+        str(Path(sys.executable).with_name("stepdiag")),
+    )
     with hall(tmp_path, handshake=True, dwell=0.5, n=1) as place:
         place.survey.write_text(f"{place.survey.read_text()}\n[recording]\nmax_gb = 0.000001\n")
         with daemon(place.survey, command=program) as process:

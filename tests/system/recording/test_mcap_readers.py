@@ -1,4 +1,5 @@
-"""Logs as other programs read them: the Python reader, and @mcap/core, the reader inside Foxglove and Lichtblick.
+"""Logs as other programs read them: the Python reader, and @mcap/core, the reader inside Foxglove
+and Lichtblick.
 
 `make test` installs @mcap/core beside count.mjs from its lock file (npm ci).
 """
@@ -57,7 +58,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def by_node(logs: list[Path]) -> dict[str, Any]:
     """What @mcap/core finds in the logs, by path."""
     command = ["node", "count.mjs", *map(str, logs)]
-    done = subprocess.run(command, cwd=NODE, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, cwd=NODE, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found
@@ -65,12 +68,20 @@ def by_node(logs: list[Path]) -> dict[str, Any]:
 
 def by_python(path: Path) -> dict[str, int]:
     with path.open("rb") as file:
-        return dict(Counter(channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()))
+        return dict(
+            Counter(
+                channel.topic
+                for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()
+            )
+        )
 
 
 @pytest.mark.parametrize("index", range(3))
-def test_all_readers_find_the_same_messages(logs: list[Path], by_node: dict[str, Any], index: int) -> None:
-    """acquisition.md B2, rule 12. The indexed reader once returned nothing from a file that the others read whole."""
+def test_all_readers_find_the_same_messages(
+    logs: list[Path], by_node: dict[str, Any], index: int
+) -> None:
+    """acquisition.md B2, rule 12. The indexed reader once returned nothing from a file that the
+    others read whole."""
     found, expected = by_node[str(logs[index])], by_python(logs[index])
     assert found["indexed"]["counts"] == expected
     assert found["streamed"]["counts"] == expected
@@ -79,7 +90,16 @@ def test_all_readers_find_the_same_messages(logs: list[Path], by_node: dict[str,
 
 
 @pytest.mark.parametrize("index", range(3))
-def test_every_channel_has_its_schema_and_the_run_its_metadata(logs: list[Path], by_node: dict[str, Any], index: int) -> None:
+def test_every_channel_has_its_schema_and_the_run_its_metadata(
+    logs: list[Path], by_node: dict[str, Any], index: int
+) -> None:
     found = by_node[str(logs[index])]
-    assert found["indexed"]["schemas"] == {channel.topic: channel.schema_name for channel in CHANNELS}
-    assert sorted(found["streamed"]["metadata"]) == ["foxglove", "stepdiag.clock", "stepdiag.run", "stepdiag.run_stop"]
+    assert found["indexed"]["schemas"] == {
+        channel.topic: channel.schema_name for channel in CHANNELS
+    }
+    assert sorted(found["streamed"]["metadata"]) == [
+        "foxglove",
+        "stepdiag.clock",
+        "stepdiag.run",
+        "stepdiag.run_stop",
+    ]

@@ -1,4 +1,5 @@
-"""A machine that says nothing: a person begins each setup, and the laser alone places and names the stops."""
+"""A machine that says nothing: a person begins each setup, and the laser alone places and names the
+stops."""
 
 import json
 import os
@@ -33,7 +34,8 @@ def until_told(place, words):
 
 
 def begin_and_start(place, setups):
-    """Begin each setup at the terminal, then start its program at the machine, until the last has ended."""
+    """Begin each setup at the terminal, then start its program at the machine, until the last has
+    ended."""
     for setup in (*setups, ""):
         while place.bench.next(300.0, "bench")["event"] not in ("waiting", "finished"):
             pass
@@ -50,15 +52,25 @@ def error_um(place, book):
     machine, box = build_machine(config), build_box(config)
     errors = []
     for each in book.passes:
-        true = simulate_pass(machine, box, each.route.setup, each.number, alignment=alignment_of(config, each.route.setup))
+        true = simulate_pass(
+            machine,
+            box,
+            each.route.setup,
+            each.number,
+            alignment=alignment_of(config, each.route.setup),
+        )
         chosen = each.chosen()
-        off = [(stop.reading_mm - true.reading_mm[index]) * 1e3 for index, stop in sorted(chosen.items())]
+        off = [
+            (stop.reading_mm - true.reading_mm[index]) * 1e3
+            for index, stop in sorted(chosen.items())
+        ]
         errors += list(np.array(off) - np.mean(off))
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def left_um(place):
-    """Return the volumetric error that is left where the machine takes the result off: rms of truth less result over the nodes, um."""
+    """Return the volumetric error that is left where the machine takes the result off: rms of truth
+    less result over the nodes, um."""
     config, survey = read_config(place.folder / "bench.toml"), load_survey(place.survey)
     truth = build_machine(config).truth(survey.box.increments)
     result = json.loads((place.round / "result.json").read_text())
@@ -67,7 +79,10 @@ def left_um(place):
         told = result["errors"].get(name, {}).get("value") or [None] * len(true)
         found = np.array([0.0 if value is None else value for value in told])
         functions[name] = Tabulated(truth.position_mm[name[2]], (true - found)[None, :])
-    squareness = {name: np.array([true - (result["squareness"][name]["value"] or 0.0)]) for name, true in truth.squareness_urad.items()}
+    squareness = {
+        name: np.array([true - (result["squareness"][name]["value"] or 0.0)])
+        for name, true in truth.squareness_urad.items()
+    }
     axes = [np.asarray(truth.position_mm[letter]) for letter in "XYZ"]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     (left,) = field_of_um(survey.volume, "FXYZ", functions, squareness, nodes)
@@ -76,7 +91,8 @@ def left_um(place):
 
 @pytest.mark.impatient
 def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
-    """The same machine, once with Modbus and once without: same stops, an error at most a tenth larger, replayed to the same bytes.
+    """The same machine, once with Modbus and once without: same stops, an error at most a tenth
+    larger, replayed to the same bytes.
 
     The readings by themselves, and what is left in the volume after compensation.
     """
@@ -125,7 +141,9 @@ def test_begin_says_why_it_cannot(tmp_path, monkeypatch):
         with daemon(place.survey, wait_for=("laser",)) as process:
             assert stepdiag("begin", place.survey, "xyz")[0] == 2
             assert stepdiag("begin", place.survey, "npp")[0] == 0
-            monkeypatch.setattr("stepdiag.cli.begin.ANSWER_S", 1.0)  # that one is not answered at all
+            monkeypatch.setattr(
+                "stepdiag.cli.begin.ANSWER_S", 1.0
+            )  # that one is not answered at all
             code, _, said = stepdiag("begin", place.survey, "pnp")
             assert code == 3
             assert "npp 0/6" in said
@@ -151,7 +169,11 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
         file.write_text(token)
         file.chmod(0o600)
         text = place.survey.read_text()
-        place.survey.write_text(text.replace("enabled = true\nport", 'enabled = true\ntoken_file = "survey.token"\nport'))
+        place.survey.write_text(
+            text.replace(
+                "enabled = true\nport", 'enabled = true\ntoken_file = "survey.token"\nport'
+            )
+        )
         with daemon(place.survey, wait_for=("laser",)):
             ordered(port, token, "choose-setup", setup="pnp")
             ordered(port, token, "start")
@@ -162,12 +184,26 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
 def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
     """The edges lie in the laser's own stream; both passes are named, counted, and right."""
     telling = f"[laser.qudis]\nmarker = true\n{FIXED}"
-    options = {"laser": "qudis", "laser_bench": 'wire = "tcp"\n', "laser_survey": telling, "silent": True, "patient": False, "dwell": 5.0}
-    with hall(tmp_path, setups=("ppp",), back=True, **options) as place, daemon(place.survey, wait_for=("laser",)) as process:
+    options = {
+        "laser": "qudis",
+        "laser_bench": 'wire = "tcp"\n',
+        "laser_survey": telling,
+        "silent": True,
+        "patient": False,
+        "dwell": 5.0,
+    }
+    with (
+        hall(tmp_path, setups=("ppp",), back=True, **options) as place,
+        daemon(place.survey, wait_for=("laser",)) as process,
+    ):
         assert place.bench.next(300.0, "bench")["event"] == "waiting"
         assert stepdiag("begin", place.survey, "ppp")[0] == 0
         place.bench.say("start")
         said = until(process, "pass-ended", reason="ppp back: stop 6 has gone by")
-        assert not [each for each in said if each["event"] == "finding" and each["code"].startswith("count-")]
+        assert not [
+            each
+            for each in said
+            if each["event"] == "finding" and each["code"].startswith("count-")
+        ]
         book = nothing_silently_wrong(place)
         assert [len(each.chosen()) for each in book.passes] == [7, 7]

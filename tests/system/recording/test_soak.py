@@ -1,4 +1,5 @@
-"""kill -9 at random moments, many in a row, in one survey: nothing captured is lost, and it is completed all the same.
+"""kill -9 at random moments, many in a row, in one survey: nothing captured is lost, and it is
+completed all the same.
 
 ``make soak`` kills 200 times (STEPDIAG_SOAK_KILLS); `make test` eight times.
 """
@@ -24,7 +25,11 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(300 + 5 * KILLS)]
 
 def captured_in(said):
     """Return (setup, stop, outward) of every stop that the daemon said it had captured."""
-    return [(each["setup"], each["stop"], each["outward"]) for each in said if each.get("event") == "stop"]
+    return [
+        (each["setup"], each["stop"], each["outward"])
+        for each in said
+        if each.get("event") == "stop"
+    ]
 
 
 def live_and_die(survey, seconds):
@@ -47,7 +52,8 @@ def live_and_die(survey, seconds):
 
 
 def test_a_survey_is_completed_across_kills(tmp_path):
-    """Every stop that was ever announced stands in a log; the longest hole in the laser's bytes before a kill is half a second."""
+    """Every stop that was ever announced stands in a log; the longest hole in the laser's bytes
+    before a kill is half a second."""
     rng = random.Random(20)
     with hall(tmp_path, handshake=True, n=max(2, KILLS // 10), dwell=2.5) as place:
         announced, started = [], 0
@@ -65,10 +71,19 @@ def test_a_survey_is_completed_across_kills(tmp_path):
                     place.start_setups()
                 assert until_complete(process, place.survey)[-1]["exit_code"] == 0
         mend(place.round)
-        logs = find_logs([place.round])  # a daemon that is killed at once leaves a file with nothing in it
+        logs = find_logs(
+            [place.round]
+        )  # a daemon that is killed at once leaves a file with nothing in it
         noted = [(stop.setup, stop.stop, stop.outward) for log in logs for stop in noted_stops(log)]
         assert set(announced) <= set(noted)
         book = replay(logs).book
         assert all(each.whole for each in book.passes)
-        assert {doubt.code for doubt in book.doubts()} <= {"laser-unwatched"}, "what nobody watched is doubted, and nothing else"
-        assert json.loads(stepdiag("replay", place.round, "--out", tmp_path / "again", "--json").out)["different"] == []
+        assert {doubt.code for doubt in book.doubts()} <= {"laser-unwatched"}, (
+            "what nobody watched is doubted, and nothing else"
+        )
+        assert (
+            json.loads(stepdiag("replay", place.round, "--out", tmp_path / "again", "--json").out)[
+                "different"
+            ]
+            == []
+        )

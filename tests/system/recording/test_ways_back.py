@@ -1,4 +1,5 @@
-"""How a machine comes to the stops of its way back: what the laser saw of it is true, or named, over real processes, sockets and ptys."""
+"""How a machine comes to the stops of its way back: what the laser saw of it is true, or named,
+over real processes, sockets and ptys."""
 
 import socket
 import struct
@@ -14,8 +15,12 @@ from testkit.running.verdict import nothing_silently_wrong
 pytestmark = pytest.mark.system
 
 COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensated = true\n"}
-UNCOUNTED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n' + "".join(
-    f'[plc.signals.{name}]\naddress = {at}\ntype = "int32"\nscale = 1e-4\n' for name, at in (("x_mm", 4), ("y_mm", 6), ("z_mm", 8))
+UNCOUNTED = (
+    '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n'
+    + "".join(
+        f'[plc.signals.{name}]\naddress = {at}\ntype = "int32"\nscale = 1e-4\n'
+        for name, at in (("x_mm", 4), ("y_mm", 6), ("z_mm", 8))
+    )
 )
 UNSIGNALLED = "".join(
     f'[[fault]]\nkind = "{kind}"\nsetup = "ppp"\npass_number = 2\nstop = 0\nduration_s = 3.5\n'
@@ -41,8 +46,11 @@ def findings_of(said, code):
     ],
     ids=["turned round", "not signalled"],
 )
-def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(tmp_path, drive, code, doubts):
-    """Who turns round has one reading for both; who went beyond has a stop of its own there, though Modbus did not show it."""
+def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(
+    tmp_path, drive, code, doubts
+):
+    """Who turns round has one reading for both; who went beyond has a stop of its own there, though
+    Modbus did not show it."""
     with hall(tmp_path, n=1, back=True, setups=("ppp",), **drive, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -67,7 +75,8 @@ def look(link):
 
 @contextmanager
 def held_at(port, count):
-    """Hold the machine at a stop by its own count: it waits for who glances at it, and goes on when somebody really looks."""
+    """Hold the machine at a stop by its own count: it waits for who glances at it, and goes on when
+    somebody really looks."""
     with socket.create_connection(("127.0.0.1", port), timeout=60.0) as link:
         while look(link) < count:
             time.sleep(0.02)
@@ -88,11 +97,14 @@ def held_at(port, count):
 
 @pytest.mark.impatient
 def test_a_daemon_that_comes_back_on_the_way_back_doubts_what_it_takes_for_the_way_out(tmp_path):
-    """Without a counter the places are those of the way out: the fourth stop back stands where the second one out was.
+    """Without a counter the places are those of the way out: the fourth stop back stands where the
+    second one out was.
 
     The first daemon may see one stop more while it ends.
     """
-    with hall(tmp_path, n=4, back=True, dwell=4.0, setups=("linear-x",), signals=UNCOUNTED, **COMPENSATED) as place:
+    with hall(
+        tmp_path, n=4, back=True, dwell=4.0, setups=("linear-x",), signals=UNCOUNTED, **COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
             until(process, "stop", stop=2)

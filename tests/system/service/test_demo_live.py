@@ -1,4 +1,5 @@
-"""``stepdiag demo --live`` as a person uses it: the page, Enter, every key and the way out of what it causes, the end."""
+"""``stepdiag demo --live`` as a person uses it: the page, Enter, every key and the way out of what
+it causes, the end."""
 
 import json
 import os
@@ -28,10 +29,22 @@ def until_stage(stream, stage):
 
 
 def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
-    """Enter starts the first setup, a key cuts the beam, the page's own stream says so; afterwards nothing is left running."""
-    command = (sys.executable, "-m", "stepdiag", "demo", "--live", "--no-browser", "--out", str(tmp_path / "demo"))
+    """Enter starts the first setup, a key cuts the beam, the page's own stream says so; afterwards
+    nothing is left running."""
+    command = (
+        sys.executable,
+        "-m",
+        "stepdiag",
+        "demo",
+        "--live",
+        "--no-browser",
+        "--out",
+        str(tmp_path / "demo"),
+    )
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as demo:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as demo:
         address = next(line for line in demo.stdout if line.startswith("The page: ")).split()[-1]
         with urllib.request.urlopen(f"{address}/stream", timeout=200) as stream:
             demo.stdin.write("\n")
@@ -47,19 +60,29 @@ def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
 
 
 PRESSED = {
-    "ppp": ("b", {"alarm_go_back", "alarm_beam", "alarm_count"}, {"beam-lost", "stop-without-reading", "stop-doubtful"}),
+    "ppp": (
+        "b",
+        {"alarm_go_back", "alarm_beam", "alarm_count"},
+        {"beam-lost", "stop-without-reading", "stop-doubtful"},
+    ),
     "npp": ("k", set(), {"window-step", "count-slip", "count-step", "stop-unsteady"}),
-    "pnp": ("u", {"alarm_laser"}, {"samples-missing", "instrument-restart", "bytes-garbled", "stop-without-reading"}),
+    "pnp": (
+        "u",
+        {"alarm_laser"},
+        {"samples-missing", "instrument-restart", "bytes-garbled", "stop-without-reading"},
+    ),
     "ppn": ("p", {"alarm_plc"}, {"stop-missed", "stop-lost", "stop-recovered", "pass-broken"}),
     "linear-x": ("a", set(), {"conditions-held"}),
     "linear-y": ("s", set(), {"stop-missed", "stop-lost", "count-disagrees", "stop-skipped"}),
     "linear-z": ("r", {"alarm_machine"}, {"machine-alarm", "stop-again"}),
 }
-"""In which setup a key is pressed, one of the page's cards then (none where nothing blocks), and one of the findings that tell of it."""
+"""In which setup a key is pressed, one of the page's cards then (none where nothing blocks), and
+one of the findings that tell of it."""
 
 
 class Watching:
-    """A person at a terminal: presses each key where `PRESSED` says so, on a pty, and Enter wherever a program is waited for."""
+    """A person at a terminal: presses each key where `PRESSED` says so, on a pty, and Enter
+    wherever a program is waited for."""
 
     def __init__(self, keyboard, hand):
         self.pressed = keyboard.pressed
@@ -101,15 +124,23 @@ class Watching:
         self.codes |= {one["code"] for one in now["findings"]}
         if now["phase"] == "waiting-program":
             os.write(self._hand, GO.encode())
-        elif now["phase"] in ("waiting-stop", "dwelling") and now["expects_stop"] >= 1 and now["expects_setup"] in left:
+        elif (
+            now["phase"] in ("waiting-stop", "dwelling")
+            and now["expects_stop"] >= 1
+            and now["expects_setup"] in left
+        ):
             os.write(self._hand, left.pop(now["expects_setup"])[0].encode())
 
 
 def test_every_key_is_told_and_the_survey_comes_to_its_end(tmp_path, monkeypatch):
-    """Each fault is on the page, what is broken is driven again, and the files and the conclusion are there at the end."""
+    """Each fault is on the page, what is broken is driven again, and the files and the conclusion
+    are there at the end."""
     monkeypatch.setattr(files, "INCREMENTS", 1)
     monkeypatch.setattr(operator, "SETTLED_S", 1.0)  # six times what is missing is asked for
-    for key, seconds in (("u", 1.5), ("p", 3.0)):  # as long as five and eight for the watched machine, which is five times as slow
+    for key, seconds in (
+        ("u", 1.5),
+        ("p", 3.0),
+    ):  # as long as five and eight for the watched machine, which is five times as slow
         monkeypatch.setitem(KEYS, key, replace(KEYS[key], duration_s=seconds))
     hand, terminal = os.openpty()
     tty.setcbreak(terminal)
@@ -120,8 +151,14 @@ def test_every_key_is_told_and_the_survey_comes_to_its_end(tmp_path, monkeypatch
     assert {key for key, _, _ in PRESSED.values()} == set(KEYS), "every key is pressed"
     assert [each.does for each in KEYS.values() if each.does not in person.lines] == []
     assert [key for key, cards, _ in PRESSED.values() if cards and not cards & person.cards] == []
-    assert [(key, sorted(person.codes)) for key, _, codes in PRESSED.values() if not codes & person.codes] == []
+    assert [
+        (key, sorted(person.codes))
+        for key, _, codes in PRESSED.values()
+        if not codes & person.codes
+    ] == []
     folder = tmp_path / "demo" / "demo" / "0001"
     said = json.loads((folder / "conclusion.json").read_text(encoding="utf-8"))
     assert "sign test" in said["next_step"][0]["en"]
-    assert {path.name for path in (folder / "exports").iterdir() if (path / "SHA256SUMS").is_file()} == {"siemens", "fanuc"}
+    assert {
+        path.name for path in (folder / "exports").iterdir() if (path / "SHA256SUMS").is_file()
+    } == {"siemens", "fanuc"}

@@ -1,4 +1,5 @@
-"""`stepdiag publish --broker` and brokers that mean it harm: it computes little, keeps little, and tells the next honest one everything."""
+"""`stepdiag publish --broker` and brokers that mean it harm: it computes little, keeps little, and
+tells the next honest one everything."""
 
 import asyncio
 import hashlib
@@ -22,10 +23,14 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 WELCOME = b"\x20\x02\x00\x00"
 """CONNACK of MQTT 3.1.1: come in."""
 MEMORY_KB, CPU_S = 60_000, 15.0
-"""What all of them together may cost: seconds are of computing, of which looking five times a second takes some as long as it lasts."""
+"""What all of them together may cost: seconds are of computing, of which looking five times a
+second takes some as long as it lasts."""
 
 
-HURRIED = "from stepdiag.__main__ import main; from stepdiag.publish import mqtt; mqtt.FIRST_WAIT_S, mqtt.ANSWER_S = 0.1, 3.0; main()"
+HURRIED = (
+    "from stepdiag.__main__ import main; from stepdiag.publish import mqtt; mqtt.FIRST_WAIT_S, "
+    "mqtt.ANSWER_S = 0.1, 3.0; main()"
+)
 """The program, but that it gives up sooner, and comes back sooner."""
 
 
@@ -80,7 +85,8 @@ HOSTILE = (garbage, endless_packet, never_released, flood, malformed, drop, deaf
 
 
 class Brokers:
-    """A port behind which every connection finds another broker: the hostile ones by turns, then an honest one."""
+    """A port behind which every connection finds another broker: the hostile ones by turns, then an
+    honest one."""
 
     def __init__(self):
         self.met, self.heard, self.port = [], set(), 0
@@ -140,7 +146,11 @@ def used(pid):
 
 
 def files_of(folder):
-    return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 async def until(look):
@@ -171,7 +181,14 @@ def test_hostile_brokers_cost_little_and_the_next_honest_one_hears_everything(tm
         try:
             asyncio.run(until(lambda: brokers.met or process.poll() is not None))
             begun_s, begun_kb = used(process.pid)
-            asyncio.run(until(lambda: brokers.heard == {"online", "state", "findings", "result"} or process.poll() is not None))
+            asyncio.run(
+                until(
+                    lambda: (
+                        brokers.heard == {"online", "state", "findings", "result"}
+                        or process.poll() is not None
+                    )
+                )
+            )
             ended_s, ended_kb = used(process.pid)
             assert brokers.met[: len(HOSTILE)] == [each.__name__ for each in HOSTILE]
             assert ended_kb < begun_kb + MEMORY_KB

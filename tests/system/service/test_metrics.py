@@ -16,15 +16,22 @@ def scrape(port):
     """Return every sample: (name, labels as text) -> value."""
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=60) as answer:
         families = list(text_string_to_metric_families(answer.read().decode()))
-    return {(sample.name, *sample.labels.values()): sample.value for family in families for sample in family.samples}
+    return {
+        (sample.name, *sample.labels.values()): sample.value
+        for family in families
+        for sample in family.samples
+    }
 
 
 @pytest.mark.impatient
 def test_the_figures_follow_the_survey(tmp_path):
-    """The end of a pass is said after its last stop, so what is asked for then counts all of them."""
+    """The end of a pass is said after its last stop, so what is asked for then counts all of
+    them."""
     port = reserved_port()
     with hall(tmp_path, setups=("linear-x", "ppp")) as place:
-        place.survey.write_text(f"{place.survey.read_text()}\n[metrics]\nenabled = true\nport = {port}\n")
+        place.survey.write_text(
+            f"{place.survey.read_text()}\n[metrics]\nenabled = true\nport = {port}\n"
+        )
         with daemon(place.survey) as process:
             before = scrape(port)
             assert before["stepdiag_stops_total",] == 0

@@ -1,4 +1,5 @@
-"""`stepdiag publish --opcua` among strangers: the library's limits hold, the process has a gigabyte, and the next client is served."""
+"""`stepdiag publish --opcua` among strangers: the library's limits hold, the process has a
+gigabyte, and the next client is served."""
 
 import asyncio
 import socket
@@ -47,9 +48,18 @@ async def honest(serving, user="", password=""):
             client.set_password(password)
             try:
                 async with client:
-                    own, index = [await client.get_namespace_index(each) for each in ("urn:stepdiag:publish", MODEL)]
-                    names = [await each.read_browse_name() for each in await client.nodes.objects.get_children()]
-                    path = [next(each for each in names if each.NamespaceIndex == own), f"{index}:ResultManagement"]
+                    own, index = [
+                        await client.get_namespace_index(each)
+                        for each in ("urn:stepdiag:publish", MODEL)
+                    ]
+                    names = [
+                        await each.read_browse_name()
+                        for each in await client.nodes.objects.get_children()
+                    ]
+                    path = [
+                        next(each for each in names if each.NamespaceIndex == own),
+                        f"{index}:ResultManagement",
+                    ]
                     management = await client.nodes.objects.get_child(path)
                     assert (await management.call_method(f"{index}:GetLatestResult", NOW))[2] == 0
                 return
@@ -64,7 +74,9 @@ def comer(serving):
 
 
 def connected(serving):
-    return socket.create_connection(("127.0.0.1", int(serving.url.split("/")[2].rpartition(":")[2])), timeout=PATIENCE_S)
+    return socket.create_connection(
+        ("127.0.0.1", int(serving.url.split("/")[2].rpartition(":")[2])), timeout=PATIENCE_S
+    )
 
 
 def closed(guest):
@@ -125,7 +137,11 @@ def test_a_message_that_is_too_long_is_not_answered(serving):
     async def run():
         async with comer(serving) as client:
             node = client.nodes.server.nodeid
-            huge = ua.ReadParameters(NodesToRead=[ua.ReadValueId(NodeId=node, IndexRange="0" * 2 * opcua.LONGEST_MESSAGE)])
+            huge = ua.ReadParameters(
+                NodesToRead=[
+                    ua.ReadValueId(NodeId=node, IndexRange="0" * 2 * opcua.LONGEST_MESSAGE)
+                ]
+            )
             with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
                 await asyncio.wait_for(client.uaclient.read(huge), 5)
 
@@ -133,15 +149,20 @@ def test_a_message_that_is_too_long_is_not_answered(serving):
 
 
 def test_what_unpacks_to_more_than_the_process_has_is_an_error(serving, monkeypatch):
-    """Two billion elements of nothing fit five bytes. The limit of the process ends the request, and the memory is given back."""
+    """Two billion elements of nothing fit five bytes. The limit of the process ends the request,
+    and the memory is given back."""
     empty, nothing = b"\x0c" + struct.pack("<i", 0), b"\x80" + struct.pack("<i", 2**31 - 1)
 
     async def run():
         async with comer(serving) as client:
             transport = client.uaclient.protocol.transport
             write = transport.write
-            monkeypatch.setattr(transport, "write", lambda data: write(nothing.join(data.rsplit(empty, 1))))
-            asked = ua.CallMethodRequest(ObjectId=ua.NodeId(1), MethodId=ua.NodeId(2), InputArguments=[ua.Variant("")])
+            monkeypatch.setattr(
+                transport, "write", lambda data: write(nothing.join(data.rsplit(empty, 1)))
+            )
+            asked = ua.CallMethodRequest(
+                ObjectId=ua.NodeId(1), MethodId=ua.NodeId(2), InputArguments=[ua.Variant("")]
+            )
             with pytest.raises(ua.uaerrors.BadInternalError):
                 await client.uaclient.call([asked])
             monkeypatch.undo()
@@ -152,7 +173,10 @@ def test_what_unpacks_to_more_than_the_process_has_is_an_error(serving, monkeypa
 def test_subscriptions_are_counted_and_what_is_ended_makes_room(serving):
     async def run():
         async with comer(serving) as client:
-            first, *_ = [await client.create_subscription(60_000, None) for _ in range(opcua.MOST_SUBSCRIPTIONS)]
+            first, *_ = [
+                await client.create_subscription(60_000, None)
+                for _ in range(opcua.MOST_SUBSCRIPTIONS)
+            ]
             with pytest.raises(ua.uaerrors.BadTooManySubscriptions):
                 await client.create_subscription(60_000, None)
             await first.delete()

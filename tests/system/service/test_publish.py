@@ -1,4 +1,5 @@
-"""`stepdiag publish` against a real broker with TLS and a password: what arrives, what is left when it dies, and a broker that is away."""
+"""`stepdiag publish` against a real broker with TLS and a password: what arrives, what is left when
+it dies, and a broker that is away."""
 
 import hashlib
 import signal
@@ -24,7 +25,9 @@ def survey(tmp_path_factory):
     folder = tmp_path_factory.mktemp("survey")
     finished_survey(folder / "bench")
     file = folder / "mill.toml"
-    file.write_text(SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', 'machine = "Mill 7/ä"'))
+    file.write_text(
+        SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', 'machine = "Mill 7/ä"')
+    )
     password = folder / "mqtt.password"
     password.touch(0o600)
     password.write_text(PASSWORD + "\n")
@@ -39,9 +42,25 @@ def broker(tmp_path):
 def command(survey, place, *options):
     address = f"127.0.0.1:{place.port}"
     return [
-        sys.executable, "-m", "stepdiag", "publish", survey, "--broker", address, "--ca", place.authority, "--user", USER,
-        "--password-file", "mqtt.password", "--topic", "works", "--every", "0.2", *options,
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "stepdiag",
+        "publish",
+        survey,
+        "--broker",
+        address,
+        "--ca",
+        place.authority,
+        "--user",
+        USER,
+        "--password-file",
+        "mqtt.password",
+        "--topic",
+        "works",
+        "--every",
+        "0.2",
+        *options,
+    ]
 
 
 class Publishing:
@@ -50,7 +69,9 @@ class Publishing:
     def __init__(self, survey, place):
         self._log = place.folder / f"publish-{time.monotonic_ns()}.log"
         with self._log.open("wb") as out:
-            self.process = subprocess.Popen([*map(str, command(survey, place))], stdout=out, stderr=out)
+            self.process = subprocess.Popen(
+                [*map(str, command(survey, place))], stdout=out, stderr=out
+            )
 
     def __enter__(self):
         return self
@@ -73,7 +94,11 @@ class Publishing:
 
 
 def files_of(survey):
-    return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in survey.parent.rglob("*") if path.is_file()}
+    return {
+        path: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in survey.parent.rglob("*")
+        if path.is_file()
+    }
 
 
 def test_a_newcomer_hears_everything_and_learns_when_the_publisher_dies(survey, broker):
@@ -85,11 +110,23 @@ def test_a_newcomer_hears_everything_and_learns_when_the_publisher_dies(survey, 
             assert held[f"{TOPICS}/online"]["online"] is True
             assert held[f"{TOPICS}/state"]["complete"] is True
             result = held[f"{TOPICS}/result"]
-            assert result["sha256"] == hashlib.sha256((survey.parent / "bench/0001/result.json").read_bytes()).hexdigest()
-            assert {row["quantity"] for row in result["rows"]} >= {"EXX", "EYY", "EZZ", "volumetric-rms"}
+            assert (
+                result["sha256"]
+                == hashlib.sha256(
+                    (survey.parent / "bench/0001/result.json").read_bytes()
+                ).hexdigest()
+            )
+            assert {row["quantity"] for row in result["rows"]} >= {
+                "EXX",
+                "EYY",
+                "EZZ",
+                "volumetric-rms",
+            }
             publishing.process.send_signal(signal.SIGKILL)
             publishing.process.wait(PATIENCE_S)
-            heard(broker, lambda said: set(said) == EVERYTHING and said["online"]["online"] is False)  # the will
+            heard(
+                broker, lambda said: set(said) == EVERYTHING and said["online"]["online"] is False
+            )  # the will
         with Publishing(survey, broker) as publishing:
             heard(broker, lambda said: said.get("online", {}).get("online") is True)
             publishing.process.send_signal(signal.SIGTERM)
@@ -119,7 +156,11 @@ def test_a_broker_that_is_away_is_waited_for_and_hears_everything_again(survey, 
 def test_a_broker_that_refuses_ends_it_in_words(survey, broker, changed, words):
     with running(broker):
         done = subprocess.run(
-            [*map(str, command(survey, broker, *changed))], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+            [*map(str, command(survey, broker, *changed))],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
         )
     assert done.returncode == 4, done.stderr
     assert words in " ".join(done.stderr.split())
@@ -129,9 +170,19 @@ def test_a_broker_that_refuses_ends_it_in_words(survey, broker, changed, words):
 def test_once_sends_everything_and_ends(survey, broker):
     with running(broker):
         done = subprocess.run(
-            [*map(str, command(survey, broker, "--once"))], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+            [*map(str, command(survey, broker, "--once"))],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
         )
         assert done.returncode == 0, done.stderr
         heard(broker, lambda said: set(said) == EVERYTHING - {"online"})
-    away = subprocess.run([*map(str, command(survey, broker, "--once"))], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    away = subprocess.run(
+        [*map(str, command(survey, broker, "--once"))],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
     assert away.returncode == 4, away.stderr

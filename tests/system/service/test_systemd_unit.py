@@ -27,14 +27,24 @@ port = "/dev/ttyUSB0"
 host = "192.168.5.2"
 """
 UNIT = Path(__file__).parents[3] / "systemd" / "stepdiag@.service"
-PAGE, PUBLISH = UNIT.with_name("stepdiag-page@.service"), UNIT.with_name("stepdiag-publish@.service")
+PAGE, PUBLISH = (
+    UNIT.with_name("stepdiag-page@.service"),
+    UNIT.with_name("stepdiag-publish@.service"),
+)
 EXPOSURE = {UNIT: 14, PAGE: 3, PUBLISH: 12}
-"""Tenths, by `systemd-analyze security`. The recorder has no user namespace: in one the account of who calls it is unknown."""
+"""Tenths, by `systemd-analyze security`. The recorder has no user namespace: in one the account of
+who calls it is unknown."""
 
 
 def analyze(*arguments):
     """Run systemd-analyze; return (exit code, standard output, standard error)."""
-    done = subprocess.run(["systemd-analyze", *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        ["systemd-analyze", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     return done.returncode, done.stdout, done.stderr
 
 
@@ -47,13 +57,22 @@ def test_the_exposure_of_each_unit(unit):
 @pytest.mark.parametrize("unit", [UNIT, PAGE], ids=lambda unit: unit.name)
 @pytest.mark.parametrize("host", ["192.168.5.2", "plc.hall.example"])
 def test_so_it_is_with_a_plc_and_a_page_on_the_network(tmp_path, host, unit):
-    """With what `service install` opens: an address, or private networks for a name. Lines that come later count like a drop-in."""
-    survey = parse_survey(SURVEY.replace("192.168.5.2", host) + '[page]\nhost = "0.0.0.0"\ntoken_file = "token"\n', "mill.toml")
-    opened = {place.parent.name: text for place, text in drop_ins("mill", survey, Path("/etc/stepdiag")).items()}
+    """With what `service install` opens: an address, or private networks for a name. Lines that
+    come later count like a drop-in."""
+    survey = parse_survey(
+        SURVEY.replace("192.168.5.2", host) + '[page]\nhost = "0.0.0.0"\ntoken_file = "token"\n',
+        "mill.toml",
+    )
+    opened = {
+        place.parent.name: text
+        for place, text in drop_ins("mill", survey, Path("/etc/stepdiag")).items()
+    }
     lines = opened[f"{unit.stem}mill.service.d"].partition("[Service]")[2]
     with_drop_in = tmp_path / unit.name
     with_drop_in.write_text(f"{unit.read_text()}\n[Service]{lines}")
-    code, said, _ = analyze("security", "--offline=true", f"--threshold={EXPOSURE[unit]}", with_drop_in)
+    code, said, _ = analyze(
+        "security", "--offline=true", f"--threshold={EXPOSURE[unit]}", with_drop_in
+    )
     assert code == 0, said.splitlines()[-1]
     assert "ListenStream=0.0.0.0:8420" in opened["stepdiag-page@mill.socket.d"]
     assert "ListenStream" not in lines
@@ -62,7 +81,10 @@ def test_so_it_is_with_a_plc_and_a_page_on_the_network(tmp_path, host, unit):
 
 @pytest.mark.parametrize(
     "publication",
-    [Publication(broker="broker.works", port=8883), Publication(opcua="0.0.0.0", port=4840, plain=True)],
+    [
+        Publication(broker="broker.works", port=8883),
+        Publication(opcua="0.0.0.0", port=4840, plain=True),
+    ],
     ids=["broker", "opcua"],
 )
 def test_so_it_is_of_what_publishes(tmp_path, publication):
@@ -74,9 +96,12 @@ def test_so_it_is_of_what_publishes(tmp_path, publication):
 
 
 def test_systemd_finds_nothing_wrong(tmp_path):
-    """``verify`` returns 0 even for a misspelt key: nothing may stand on standard error. The command is the one installed here."""
+    """``verify`` returns 0 even for a misspelt key: nothing may stand on standard error. The
+    command is the one installed here."""
     for unit in (UNIT, PAGE, PUBLISH, PAGE.with_suffix(".socket")):
-        (tmp_path / unit.name).write_text(unit.read_text().replace("/opt/stepdiag/", f"{sys.prefix}/"))
+        (tmp_path / unit.name).write_text(
+            unit.read_text().replace("/opt/stepdiag/", f"{sys.prefix}/")
+        )
     socket = tmp_path / "stepdiag-page@.socket"
     socket.write_text(socket.read_text().replace("Backlog", "ListenStream=127.0.0.1:8420\nBacklog"))
     assert analyze("verify", *tmp_path.iterdir()) == (0, "", "")
@@ -85,5 +110,9 @@ def test_systemd_finds_nothing_wrong(tmp_path):
 def test_a_misspelt_key_is_seen(tmp_path):
     """The test above can fail."""
     unit = tmp_path / UNIT.name
-    unit.write_text(UNIT.read_text().replace("/opt/stepdiag/", f"{sys.prefix}/").replace("WatchdogSec", "WatchDogSec"))
+    unit.write_text(
+        UNIT.read_text()
+        .replace("/opt/stepdiag/", f"{sys.prefix}/")
+        .replace("WatchdogSec", "WatchDogSec")
+    )
     assert "WatchDogSec" in analyze("verify", unit)[2]

@@ -1,4 +1,5 @@
-"""The unit of a program whose Python does not come with the system: in somebody's home, reached through links, as uv and pyenv place it."""
+"""The unit of a program whose Python does not come with the system: in somebody's home, reached
+through links, as uv and pyenv place it."""
 
 import pytest
 
@@ -30,10 +31,22 @@ PYTHON = "/root/share/python-3.11.0"
 
 
 def install_in_a_home(folder):
-    """Install a copy of Python, a link to it, an environment made through the link and the wheel, all below /root; return the root."""
+    """Install a copy of Python, a link to it, an environment made through the link and the wheel,
+    all below /root; return the root."""
     root = debian_root()
-    as_root("rm", "-rf", *(root / each for each in ("root/tools", "root/share", "etc/stepdiag", "var/lib/private/stepdiag")))
-    as_root("sh", "-c", f"rm -rf {root}/etc/systemd/system/*/stepdiag@* {root}/etc/systemd/system/stepdiag@*")  # of a test before
+    as_root(
+        "rm",
+        "-rf",
+        *(
+            root / each
+            for each in ("root/tools", "root/share", "etc/stepdiag", "var/lib/private/stepdiag")
+        ),
+    )
+    as_root(
+        "sh",
+        "-c",
+        f"rm -rf {root}/etc/systemd/system/*/stepdiag@* {root}/etc/systemd/system/stepdiag@*",
+    )  # of a test before
     as_root("mkdir", "-p", f"{root}{PYTHON}/bin", f"{root}{PYTHON}/lib", root / "root/tools")
     as_root("chmod", "700", root / "root", root / "root/share")
     as_root("chroot", root, "cp", "-r", "/usr/lib/python3.11", f"{PYTHON}/lib/")
@@ -42,10 +55,22 @@ def install_in_a_home(folder):
     as_root("chroot", root, "/root/share/python-3.11/bin/python3.11", "-m", "venv", PROGRAM)
     wheel = built_wheel(folder)
     as_root("cp", wheel, root / "root" / wheel.name)
-    as_root("chroot", root, f"{PROGRAM}/bin/pip", "install", "--quiet", "--no-index", "--no-deps", f"/root/{wheel.name}")
+    as_root(
+        "chroot",
+        root,
+        f"{PROGRAM}/bin/pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        f"/root/{wheel.name}",
+    )
     write(f"{root}{PROGRAM}/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n")
     write(root / "etc/stepdiag/alone.toml", SURVEY.format(page=reserved_port()))
-    write(root / f"etc/systemd/system/{UNIT}.d/test.conf", "[Service]\nBindReadOnlyPaths=/opt/libraries\n")
+    write(
+        root / f"etc/systemd/system/{UNIT}.d/test.conf",
+        "[Service]\nBindReadOnlyPaths=/opt/libraries\n",
+    )
     return root
 
 
@@ -66,10 +91,20 @@ def test_a_python_in_a_home_runs_and_nothing_else_of_it_is_seen(tmp_path):
         system.run("systemctl", "start", UNIT)
         unit = system.until(UNIT, lambda unit: unit["ActiveState"] == "active")
         seen = f"/proc/{unit['MainPID']}/root"
-        assert system.run("readlink", f"/proc/{unit['MainPID']}/exe").startswith("/root/share/python-3.11")
+        assert system.run("readlink", f"/proc/{unit['MainPID']}/exe").startswith(
+            "/root/share/python-3.11"
+        )
         assert set(system.run("ls", f"{seen}/root", f"{seen}/root/tools").split()) == {
-            f"{seen}/root:", "share", "tools", f"{seen}/root/tools:", "stepdiag",
-        }  # fmt: skip
+            f"{seen}/root:",
+            "share",
+            "tools",
+            f"{seen}/root/tools:",
+            "stepdiag",
+        }
         exposed = system.run("systemd-analyze", "security", "--threshold=14", UNIT)
         assert "OK" in exposed.splitlines()[-1], exposed.splitlines()[-1]
-    as_root("rm", "-rf", *(root / each for each in ("root/tools", "root/share", f"etc/systemd/system/{UNIT}.d")))
+    as_root(
+        "rm",
+        "-rf",
+        *(root / each for each in ("root/tools", "root/share", f"etc/systemd/system/{UNIT}.d")),
+    )

@@ -63,9 +63,13 @@ def master_of():
     def connect(bench, **options):
         addresses = bench.addresses
         if "plc_port" in addresses:
-            client = ModbusTcpClient("127.0.0.1", port=addresses["plc_port"], timeout=60.0, **options)
+            client = ModbusTcpClient(
+                "127.0.0.1", port=addresses["plc_port"], timeout=60.0, **options
+            )
         else:
-            client = ModbusSerialClient(addresses["plc_link"], baudrate=115200, timeout=60.0, **options)
+            client = ModbusSerialClient(
+                addresses["plc_link"], baudrate=115200, timeout=60.0, **options
+            )
         assert client.connect()
         opened.append(client)
         return client
@@ -100,7 +104,9 @@ def test_a_master_follows_the_program_to_its_end(bench_of, master_of, transport)
         if registers[2] & 1:
             stops[registers[1]] = (registers[3], positions(registers))
     corners = [[0, 0, 0], [500, 0, 0], [500, 400, 0], [500, 400, 300]]
-    assert [stops[count] for count in sorted(stops)] == [(1, pytest.approx(corner)) for corner in (*corners, *corners[::-1])]
+    assert [stops[count] for count in sorted(stops)] == [
+        (1, pytest.approx(corner)) for corner in (*corners, *corners[::-1])
+    ]
 
 
 def lines_of(port, wanted=5):
@@ -117,7 +123,10 @@ def lines_of(port, wanted=5):
 
 
 def test_the_laser_counts_the_travel_between_two_stops(bench_of, master_of):
-    bench = bench_of(PACED + "[machine]\nscale_um_m = 0.0\npositioning_um = 0.0\nstraightness_um = 0.0\nsquareness_urad = 0.0\n")
+    bench = bench_of(
+        PACED + "[machine]\nscale_um_m = 0.0\npositioning_um = 0.0\nstraightness_um = "
+        "0.0\nsquareness_urad = 0.0\n"
+    )
     client = master_of(bench)
     readings = []
     with serial.Serial(bench.addresses["laser_link"], 115200, timeout=0.0) as port:
@@ -205,7 +214,9 @@ def test_a_rebooting_plc_hangs_up_and_counts_from_zero(bench_of, master_of):
     bench.inject(Fault(kind="plc-reboot", duration_s=2.0))
 
     def answers():
-        with closing(ModbusTcpClient("127.0.0.1", port=bench.addresses["plc_port"], timeout=60.0)) as again:
+        with closing(
+            ModbusTcpClient("127.0.0.1", port=bench.addresses["plc_port"], timeout=60.0)
+        ) as again:
             return again.connect()
 
     until(lambda: not answers())
@@ -237,8 +248,12 @@ def test_the_machine_waits_for_the_captured_stop(bench_of, master_of):
 
 
 def test_a_hundred_thousand_lines_arrive_without_a_gap(bench_of):
-    """The load of issue 7, made in one second: a lossless line waits for a reader who is held up. How fast that is `make bench` says."""
-    bench = bench_of(QUICK.replace("pause_s = 2.0", "pause_s = 2000.0") + "[laser]\nrate_hz = 100000.0\nlossless = true\n")
+    """The load of issue 7, made in one second: a lossless line waits for a reader who is held up.
+    How fast that is `make bench` says."""
+    bench = bench_of(
+        QUICK.replace("pause_s = 2.0", "pause_s = 2000.0")
+        + "[laser]\nrate_hz = 100000.0\nlossless = true\n"
+    )
     received = b""
     with serial.Serial(bench.addresses["laser_link"], 115200, timeout=0.05) as port:
         for held_up_s, lines in ((1.0, 30_000), (0.0, 100_000)):
@@ -253,8 +268,18 @@ def test_a_hundred_thousand_lines_arrive_without_a_gap(bench_of):
 def process(tmp_path):
     file = tmp_path / "bench.toml"
     file.write_text(QUICK + 'start = "command"\n', encoding="utf-8")
-    command = [sys.executable, "-m", "stepdiag.virtual", "--config", str(file), "--directory", str(tmp_path / "run")]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as running:
+    command = [
+        sys.executable,
+        "-m",
+        "stepdiag.virtual",
+        "--config",
+        str(file),
+        "--directory",
+        str(tmp_path / "run"),
+    ]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as running:
         yield running
         running.terminate()
 
@@ -283,7 +308,12 @@ def test_the_process_tells_where_it_is_and_obeys(process):
 def test_a_wrong_configuration_is_refused_by_its_field(tmp_path):
     file = tmp_path / "bench.toml"
     file.write_text("[plc]\nspeed = 3\n", encoding="utf-8")
-    ended = subprocess.run([sys.executable, "-m", "stepdiag.virtual", "--config", str(file)], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-m", "stepdiag.virtual", "--config", str(file)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert ended.returncode == 2
     assert "speed" in ended.stderr
 

@@ -1,4 +1,5 @@
-"""Air from a sensor of its own, over a pty and over TCP: recorded, judged, replayed through a lost line and a killed daemon."""
+"""Air from a sensor of its own, over a pty and over TCP: recorded, judged, replayed through a lost
+line and a killed daemon."""
 
 import json
 import os
@@ -43,33 +44,43 @@ PTU300 = 'format = "ptu300"\nbaud = 4800\npoll_s = 0.2\n'
 LOGGER = r"""format = "line"
 pressure_unit = "kPa"
 pattern = '(?P<air_temperature_c>[^;]+);(?P<air_pressure_hpa>[^;]+);(?P<relative_humidity_percent>[^;]+);(?P<material_temperature_c>.+)'
-"""
+"""  # noqa: E501
 SENSORS = {"ptu300": ("serial", PTU300), "logger": ("tcp", LOGGER)}
 EXPECTED = {"air_temperature_c": 24.0, "air_pressure_hpa": 962.0, "relative_humidity_percent": 61.0}
 
 
 @contextmanager
 def sensed(folder, name, **options):
-    """A hall whose air is told by a sensor of this kind, and by nobody else: the control has registers for stops alone."""
+    """A hall whose air is told by a sensor of this kind, and by nobody else: the control has
+    registers for stops alone."""
     wire, section = SENSORS[name]
     bench = f'{BENCH}format = "{name}"\nwire = "{wire}"\n'
     with hall(folder, bench=bench, signals=STOPS_ALONE, **options) as place:
-        sensor = f'[environment]\nsource = "sensor"\n[environment.sensor]\nport = "{place.ready["air_link"]}"\n{section}'
+        sensor = (
+            '[environment]\nsource = "sensor"\n[environment.sensor]\nport = '
+            f'"{place.ready["air_link"]}"\n{section}'
+        )
         place.survey.write_text(place.survey.read_text() + sensor)
         yield place
 
 
 def stops_of(place):
     """Return the stops in use of a survey, from its logs."""
-    return [stop for each in replay(logs_in(place.round)).book.passes for stop in each.chosen().values()]
+    return [
+        stop for each in replay(logs_in(place.round)).book.passes for stop in each.chosen().values()
+    ]
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_killed_daemon(tmp_path, name):
+def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_killed_daemon(
+    tmp_path, name
+):
     """Checked first, as a person would."""
     with sensed(tmp_path, name, handshake=True, dwell=0.5, n=1) as place:
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
-        assert code == 0, [each for each in json.loads(out)["findings"] if each["severity"] == "error"] or said
+        assert code == 0, [
+            each for each in json.loads(out)["findings"] if each["severity"] == "error"
+        ] or said
         assert json.loads(out)["air"]["conditions"] == pytest.approx(
             {**EXPECTED, **({"material_temperature_c": 22.5} if name == "logger" else {})}
         )
@@ -85,5 +96,7 @@ def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_kille
         drive_and_replay(place, EXPECTED)
         stops = stops_of(place)
         for field, value in EXPECTED.items():
-            assert np.array([getattr(stop, field) for stop in stops]) == pytest.approx(value, abs=0.06), field
+            assert np.array([getattr(stop, field) for stop in stops]) == pytest.approx(
+                value, abs=0.06
+            ), field
         assert all(stop.held == () for stop in stops)

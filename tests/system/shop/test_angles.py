@@ -1,4 +1,5 @@
-"""An autocollimator and a level recorded at the same stops by the same daemon: pitch, yaw and roll reach the estimator."""
+"""An autocollimator and a level recorded at the same stops by the same daemon: pitch, yaw and roll
+reach the estimator."""
 
 import json
 
@@ -34,10 +35,17 @@ INSTRUMENTS = {
 
 @pytest.mark.parametrize("name", INSTRUMENTS)
 @pytest.mark.impatient
-def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_the_same_bytes(tmp_path, name):
+def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_the_same_bytes(
+    tmp_path, name
+):
     turns, told = INSTRUMENTS[name]
     survey = SURVEY.format(format=name, port=tmp_path / "devices" / "head", turns=turns)
-    options = {"laser_bench": BENCH.format(name), "laser_survey": survey, "handshake": True, "dwell": 3.0}
+    options = {
+        "laser_bench": BENCH.format(name),
+        "laser_survey": survey,
+        "handshake": True,
+        "dwell": 3.0,
+    }
     with hall(tmp_path, setups=SETUPS, **options) as place:
         truth = build_machine(read_config(tmp_path / "bench.toml")).truth(2)
         drive_one_and_kill(place, links=("laser", "machine", "head"))

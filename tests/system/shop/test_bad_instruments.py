@@ -1,6 +1,8 @@
-"""What stands at the end of an instrument's line and is not that instrument: named with what was seen, by `check` and in the journal.
+"""What stands at the end of an instrument's line and is not that instrument: named with what was
+seen, by `check` and in the journal.
 
-Every row is watched by both at once, all rows together: waiting costs nothing. None of them may ever give a reading.
+Every row is watched by both at once, all rows together: waiting costs nothing. None of them may
+ever give a reading.
 """
 
 import asyncio
@@ -43,13 +45,25 @@ transport = "none"
 LASER = '{base}[environment]\nsource = "fixed"\n[laser]\nport = "{port}"\n{section}'
 NO_LASER = '{base}[laser]\nformat = "umd"\nport = "/dev/no-laser"\n'
 HEAD = NO_LASER + '[environment]\nsource = "fixed"\n[head]\nport = "{port}"\n{section}'
-AIR = NO_LASER + '[environment]\nsource = "sensor"\n[environment.sensor]\nport = "{port}"\n{section}'
+AIR = (
+    NO_LASER + '[environment]\nsource = "sensor"\n[environment.sensor]\nport = "{port}"\n{section}'
+)
 ANGLES = '[head.angles]\nx = ["+C", "+B"]\n'
-FRAMES = 'format = "frames"\n[laser.frames]\nsync = "AA55"\nlayout = ["counter u16", "position i32"]\nchecksum = "crc-16/modbus"\n'
+FRAMES = (
+    'format = "frames"\n[laser.frames]\nsync = "AA55"\nlayout = ["counter u16", "position '
+    'i32"]\nchecksum = "crc-16/modbus"\n'
+)
 INSTRUMENTS = {
     "umd": ("laser", LASER, 'format = "umd"'),
     "nd": ("laser", LASER, 'format = "nd"'),
-    "line": ("laser", LASER, "format = \"line\"\n[laser.line]\npattern = 'D:(?P<position>[-+.0-9]+);(?P<counter>[0-9]+)'"),
+    "line": (
+        "laser",
+        LASER,
+        (
+            'format = "line"\n[laser.line]\npattern = '
+            "'D:(?P<position>[-+.0-9]+);(?P<counter>[0-9]+)'"
+        ),
+    ),
     "frames": ("laser", LASER, FRAMES),
     "ids3010": ("laser", LASER, 'format = "ids3010"'),
     "lasertex": ("laser", LASER, 'format = "lasertex"'),
@@ -59,7 +73,11 @@ INSTRUMENTS = {
     "elcomat": ("head", HEAD, f'format = "elcomat"\n{ANGLES}'),
     "wyler": ("head", HEAD, 'format = "wyler"\n[head.angles]\nx = ["+A"]\n'),
     "ptu300": ("air", AIR, 'format = "ptu300"'),
-    "logger": ("air", AIR, "format = \"line\"\npattern = '(?P<air_temperature_c>[^;]+);(?P<air_pressure_hpa>[^;]+)'"),
+    "logger": (
+        "air",
+        AIR,
+        "format = \"line\"\npattern = '(?P<air_temperature_c>[^;]+);(?P<air_pressure_hpa>[^;]+)'",
+    ),
 }
 NOISE = random.Random(7).randbytes(100_000)
 
@@ -105,7 +123,11 @@ async def hangs_up(*_):
 
 def rpc(**said):
     """Return what answers every request of JSON-RPC with this."""
-    return answers(lambda heard: json.dumps({"jsonrpc": "2.0", "id": json.loads(heard)["id"], **said}).encode() + b"\r\n")
+    return answers(
+        lambda heard: (
+            json.dumps({"jsonrpc": "2.0", "id": json.loads(heard)["id"], **said}).encode() + b"\r\n"
+        )
+    )
 
 
 def hpi(code, data, *, broken=0):
@@ -119,7 +141,9 @@ def hpi(code, data, *, broken=0):
 
 
 def qudis(opcode, address, *data, correlation=0):
-    return struct.pack(f"<{5 + len(data)}I", 16 + 4 * len(data), opcode, address, 0, correlation, *data)
+    return struct.pack(
+        f"<{5 + len(data)}I", 16 + 4 * len(data), opcode, address, 0, correlation, *data
+    )
 
 
 READING = qudis(4, 0x0F00, 123456, 1 << 31)
@@ -132,10 +156,20 @@ async def has_one_axis(reader, writer):
 
 
 HALVES = {
-    "umd": b"123456 789", "nd": b"\x02+0000", "line": b"D:12.3", "frames": b"\xaa\x55\x01", "ids3010": b'{"jsonrpc":"2.0","id":1,"resu',
-    "lasertex": hpi(0xB015, b"\0" * 7)[:9], "qudis": qudis(4, 0x0F00, 1, 2)[:12], "fourdof": b"\xaa\x55", "tqd": b"X: 0.1",
-    "elcomat": b"3 003 1.", "wyler": b"0 0.", "ptu300": b"P= 1013", "logger": b"21.",
-}  # fmt: skip
+    "umd": b"123456 789",
+    "nd": b"\x02+0000",
+    "line": b"D:12.3",
+    "frames": b"\xaa\x55\x01",
+    "ids3010": b'{"jsonrpc":"2.0","id":1,"resu',
+    "lasertex": hpi(0xB015, b"\0" * 7)[:9],
+    "qudis": qudis(4, 0x0F00, 1, 2)[:12],
+    "fourdof": b"\xaa\x55",
+    "tqd": b"X: 0.1",
+    "elcomat": b"3 003 1.",
+    "wyler": b"0 0.",
+    "ptu300": b"P= 1013",
+    "logger": b"21.",
+}
 NETWORK = {
     "closed": (None, "nothing listens on this port", ""),
     "unknown": (None, "no such name", ""),
@@ -149,7 +183,8 @@ NETWORK = {
 
 @dataclass(frozen=True)
 class Row:
-    """What stands there; what is to be said of it, and what was seen, by both; ``section`` where the survey has another one."""
+    """What stands there; what is to be said of it, and what was seen, by both; ``section`` where
+    the survey has another one."""
 
     instrument: str
     wrong: str
@@ -166,29 +201,128 @@ class Row:
 
 ROWS = [
     *(Row(name, wrong, *row) for name in INSTRUMENTS for wrong, row in NETWORK.items()),
-    *(Row(name, "half a reading for ever", says(half), "makes sense", half[:4].hex(" ")) for name, half in HALVES.items()),
     *(
-        Row(name, "wrong baud rate", noise(), "check its baud rate", "it begins with", scheme="serial")
+        Row(name, "half a reading for ever", says(half), "makes sense", half[:4].hex(" "))
+        for name, half in HALVES.items()
+    ),
+    *(
+        Row(
+            name,
+            "wrong baud rate",
+            noise(),
+            "check its baud rate",
+            "it begins with",
+            scheme="serial",
+        )
         for name in ("umd", "nd", "line", "lasertex", "elcomat", "ptu300")
     ),
-    Row("umd", "no terminal server of RFC 2217", says(b"+000.123\r\n"), "speaks RFC 2217", "2b 30 30 30", scheme="rfc2217"),
-    Row("umd", "a terminal server that says nothing", answers(lambda _: b""), "speaks RFC 2217", "silence", scheme="rfc2217"),
-    Row("umd", "another laser", says(hpi(0xB015, b"\0" * 7)), 'it looks like format = "lasertex"', "aa b0 15"),
-    Row("lasertex", "frames with wrong checksums", says(hpi(0xB015, b"\x01" * 7, broken=1)), "makes sense", "aa b0 15"),
-    Row("frames", "frames with wrong checksums", says(b"\xaa\x55\x01\x00\x01\x02\x03\x04\xff\xff"), "makes sense", "aa 55 01"),
+    Row(
+        "umd",
+        "no terminal server of RFC 2217",
+        says(b"+000.123\r\n"),
+        "speaks RFC 2217",
+        "2b 30 30 30",
+        scheme="rfc2217",
+    ),
+    Row(
+        "umd",
+        "a terminal server that says nothing",
+        answers(lambda _: b""),
+        "speaks RFC 2217",
+        "silence",
+        scheme="rfc2217",
+    ),
+    Row(
+        "umd",
+        "another laser",
+        says(hpi(0xB015, b"\0" * 7)),
+        'it looks like format = "lasertex"',
+        "aa b0 15",
+    ),
+    Row(
+        "lasertex",
+        "frames with wrong checksums",
+        says(hpi(0xB015, b"\x01" * 7, broken=1)),
+        "makes sense",
+        "aa b0 15",
+    ),
+    Row(
+        "frames",
+        "frames with wrong checksums",
+        says(b"\xaa\x55\x01\x00\x01\x02\x03\x04\xff\xff"),
+        "makes sense",
+        "aa 55 01",
+    ),
     Row("frames", "another byte in front", says(b"\xaa\x56" + bytes(8)), "makes sense", "aa 56"),
-    Row("ids3010", "errors alone", rpc(error={"code": -32000, "message": "Laser off"}), "no reading can be used", "Laser off"),
-    Row("ids3010", "other firmware", rpc(error={"code": -32601, "message": "Method not found"}), "laser.ids3010.interface", "not found"),
-    Row("ids3010", "numbers of something else", rpc(result=[0, 1]), "no reading can be used", '"result": [0'),
-    Row("ids3010", "no answer of this protocol", answers(lambda _: b'{"status": "ok"}\r\n'), "makes sense", "status"),
-    Row("qudis", "readings of another channel", says(qudis(4, 0x0F01, 1, 1 << 31)), "channel 1", "channel 0 were asked for"),
-    Row("qudis", "an axis that it has not", has_one_axis, "source 1", "asked for was 5", section="[laser.qudis]\naxis = 3"),
-    Row("qudis", "positions not in pairs", says(qudis(4, 0x0F00, 1, 2, 3)), "makes sense", "not in pairs"),
-    Row("nd", "a display that refuses", answers(lambda _: b"\x15"), "no reading can be used", "NAK"),
-    Row("nd", "text in the place of a value", answers(lambda _: b"\x02ERROR 3\r\n"), "no reading can be used", "ERROR 3"),
+    Row(
+        "ids3010",
+        "errors alone",
+        rpc(error={"code": -32000, "message": "Laser off"}),
+        "no reading can be used",
+        "Laser off",
+    ),
+    Row(
+        "ids3010",
+        "other firmware",
+        rpc(error={"code": -32601, "message": "Method not found"}),
+        "laser.ids3010.interface",
+        "not found",
+    ),
+    Row(
+        "ids3010",
+        "numbers of something else",
+        rpc(result=[0, 1]),
+        "no reading can be used",
+        '"result": [0',
+    ),
+    Row(
+        "ids3010",
+        "no answer of this protocol",
+        answers(lambda _: b'{"status": "ok"}\r\n'),
+        "makes sense",
+        "status",
+    ),
+    Row(
+        "qudis",
+        "readings of another channel",
+        says(qudis(4, 0x0F01, 1, 1 << 31)),
+        "channel 1",
+        "channel 0 were asked for",
+    ),
+    Row(
+        "qudis",
+        "an axis that it has not",
+        has_one_axis,
+        "source 1",
+        "asked for was 5",
+        section="[laser.qudis]\naxis = 3",
+    ),
+    Row(
+        "qudis",
+        "positions not in pairs",
+        says(qudis(4, 0x0F00, 1, 2, 3)),
+        "makes sense",
+        "not in pairs",
+    ),
+    Row(
+        "nd", "a display that refuses", answers(lambda _: b"\x15"), "no reading can be used", "NAK"
+    ),
+    Row(
+        "nd",
+        "text in the place of a value",
+        answers(lambda _: b"\x02ERROR 3\r\n"),
+        "no reading can be used",
+        "ERROR 3",
+    ),
     Row("elcomat", "relative readings", says(b"1 003 1.0 2.0\r"), "makes sense", "1 003"),
-    Row("ptu300", "probes that fail", answers(lambda _: b"P= ****** hPa T= ***** 'C RH= ***** %RH\r\n"), "no reading can be used", "error"),
-]  # fmt: skip
+    Row(
+        "ptu300",
+        "probes that fail",
+        answers(lambda _: b"P= ****** hPa T= ***** 'C RH= ***** %RH\r\n"),
+        "no reading can be used",
+        "error",
+    ),
+]
 
 
 @asynccontextmanager
@@ -257,13 +391,16 @@ def survey_of(row, port):
 
 
 async def checked(row, port):
-    """Return what `check` says of the stream once it says what it should, or after a long time; and what it has seen."""
+    """Return what `check` says of the stream once it says what it should, or after a long time; and
+    what it has seen."""
     seen = Observation(parse_survey(survey_of(row, port), "s"))
     name = INSTRUMENTS[row.instrument][0]
     told = []
 
     def until_it_is_said():
-        told[:] = [each.text for each in diagnose(seen) if _of(each, name) and each.severity == "error"]
+        told[:] = [
+            each.text for each in diagnose(seen) if _of(each, name) and each.severity == "error"
+        ]
         if any(row.words in text and row.seen in text for text in told):
             seen.seconds = math.inf
 
@@ -272,12 +409,14 @@ async def checked(row, port):
 
 
 def _of(found, name):
-    """Return whether a finding is one of a stream: its code begins with the name, or the subject of its sentence is the stream."""
+    """Return whether a finding is one of a stream: its code begins with the name, or the subject of
+    its sentence is the stream."""
     return found.code.startswith(name) or name in found.text[:40]
 
 
 async def journal(row, port, folder, said):
-    """Return what the journal of a daemon says of the stream once it says what it should, or after a long time; and its readings.
+    """Return what the journal of a daemon says of the stream once it says what it should, or after
+    a long time; and its readings.
 
     (Between two logs a daemon decodes laser and sensor of air; a head only while it records.)
     """
@@ -289,13 +428,23 @@ async def journal(row, port, folder, said):
     name, end = INSTRUMENTS[row.instrument][0], asyncio.get_running_loop().time() + PATIENCE_S
 
     def heard():
-        """Of a line that is lost the row is known; what an instrument says comes in from a thread, and is that of this daemon's session."""
-        links = [str(each["detail"]) for each in said if each.get("row") == row.name and each.get("link") == name and "detail" in each]
+        """Of a line that is lost the row is known; what an instrument says comes in from a thread,
+        and is that of this daemon's session."""
+        links = [
+            str(each["detail"])
+            for each in said
+            if each.get("row") == row.name and each.get("link") == name and "detail" in each
+        ]
         noted = {each["text"] for each in said if each["event"] == "finding"}
         found = daemon._working.session.findings if hasattr(daemon, "_working") else []
-        return "; ".join((*links, *(each.text for each in found if _of(each, name) and each.text in noted)))
+        return "; ".join(
+            (*links, *(each.text for each in found if _of(each, name) and each.text in noted))
+        )
 
-    while not (row.words in heard() and row.seen in heard()) and asyncio.get_running_loop().time() < end:
+    while (
+        not (row.words in heard() and row.seen in heard())
+        and asyncio.get_running_loop().time() < end
+    ):
         await asyncio.wait({running}, timeout=0.1)
         assert not running.done()
     idle = daemon._working.session._idle.get(name)
@@ -310,21 +459,30 @@ async def both(row, folder, turn, said):
     folder.mkdir()
     async with turn, standing(row) as port:
         if row.scheme == "serial":  # one program at a time
-            (told, stream), (noted, readings) = await checked(row, port), await journal(row, port, folder, said)
+            (told, stream), (noted, readings) = (
+                await checked(row, port),
+                await journal(row, port, folder, said),
+            )
         else:
-            (told, stream), (noted, readings) = await asyncio.gather(checked(row, port), journal(row, port, folder, said))
+            (told, stream), (noted, readings) = await asyncio.gather(
+                checked(row, port), journal(row, port, folder, said)
+            )
     wrong = [f"check: {told}"] if not (row.words in told and row.seen in told) else []
     wrong += [f"journal: {noted}"] if not (row.words in noted and row.seen in noted) else []
     wrong += [f"journal: {readings} readings"] if readings else []
     return wrong + (
-        [f"{stream.samples} samples, {stream.refused} refused"] if stream.samples != stream.refused or stream.conditions else []
+        [f"{stream.samples} samples, {stream.refused} refused"]
+        if stream.samples != stream.refused or stream.conditions
+        else []
     )
 
 
 async def all_of(rows, folder):
     turn = asyncio.Semaphore(AT_ONCE)
     with capture_logs(processors=[merge_contextvars]) as said:
-        each = await asyncio.gather(*(both(row, folder / str(number), turn, said) for number, row in enumerate(rows)))
+        each = await asyncio.gather(
+            *(both(row, folder / str(number), turn, said) for number, row in enumerate(rows))
+        )
     return {row.name: wrong for row, wrong in zip(rows, each, strict=True) if wrong}
 
 

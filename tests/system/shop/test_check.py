@@ -1,4 +1,5 @@
-"""``stepdiag check`` against the virtual bench over real sockets and ptys: what a person on the telephone is told."""
+"""``stepdiag check`` against the virtual bench over real sockets and ptys: what a person on the
+telephone is told."""
 
 import json
 import os
@@ -59,13 +60,25 @@ def check(tmp_path):
     """Return what a check says: exit code, findings by code, and all of it."""
 
     def run(addresses, *, seconds=3, more="", **changed):
-        places = {"laser": addresses.get("laser_link", ""), "plc": addresses.get("plc_port", 1), "unit": 1} | changed
+        places = {
+            "laser": addresses.get("laser_link", ""),
+            "plc": addresses.get("plc_port", 1),
+            "unit": 1,
+        } | changed
         survey = tmp_path / "survey.toml"
         survey.write_text(SURVEY.format(**places) + more, encoding="utf-8")
         done = stepdiag("check", survey, "--seconds", seconds, "--json")
         assert done.refusal == ""
         said = json.loads(done.out)
-        return done.code, {name: each for each in said["findings"] for name in (each["code"], each.get("key", each["code"]))}, said
+        return (
+            done.code,
+            {
+                name: each
+                for each in said["findings"]
+                for name in (each["code"], each.get("key", each["code"]))
+            },
+            said,
+        )
 
     return run
 
@@ -76,16 +89,28 @@ def test_a_bench_that_is_well(bench_of, check):
     assert not [each for each in findings.values() if each["severity"] == "error"]
     assert said["machine"]["signals"]["air_pressure_hpa"] == pytest.approx(1013.2)
     assert said["machine"]["changes"]["heartbeat"] >= 3
-    assert said["laser"]["samples_per_s"] == pytest.approx(1000, rel=0.3), "a busy computer is late with some"
+    assert said["laser"]["samples_per_s"] == pytest.approx(1000, rel=0.3), (
+        "a busy computer is late with some"
+    )
     assert "wrong-laser-sign" in findings, "standing, nobody can know the sign"
 
 
 def test_a_person_sees_one_table_and_the_words(bench_of, tmp_path):
     addresses = bench_of()
     survey = tmp_path / "survey.toml"
-    survey.write_text(SURVEY.format(laser=addresses["laser_link"], plc=addresses["plc_port"], unit=1), encoding="utf-8")
+    survey.write_text(
+        SURVEY.format(laser=addresses["laser_link"], plc=addresses["plc_port"], unit=1),
+        encoding="utf-8",
+    )
     command = [sys.executable, "-m", "stepdiag", "check", str(survey), "--seconds", "2"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env={**os.environ, "COLUMNS": "140"})
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**os.environ, "COLUMNS": "140"},
+    )
     assert done.returncode == 0
     assert done.stdout.count("relative_humidity_percent") == 1
     assert "holding 2 bit 0" in done.stdout
@@ -101,7 +126,10 @@ def test_ports_that_are_absent(bench_of, check):
 
 
 def test_a_silent_laser_and_a_silent_plc(bench_of, check):
-    addresses = bench_of('[[fault]]\nkind = "plc-silent"\nduration_s = 60.0\n[[fault]]\nkind = "laser-silent"\nduration_s = 60.0\n')
+    addresses = bench_of(
+        '[[fault]]\nkind = "plc-silent"\nduration_s = 60.0\n[[fault]]\nkind = '
+        '"laser-silent"\nduration_s = 60.0\n'
+    )
     code, findings, _ = check(addresses)
     assert code == 4
     assert "check that the instrument is on and its baud rate" in findings["laser-silent"]["text"]
@@ -121,7 +149,9 @@ def test_a_wrong_baud_rate_is_garbage(bench_of, check):
 
 
 def test_an_exception_reply_names_its_meaning(bench_of, check):
-    code, findings, _ = check(bench_of('[[fault]]\nkind = "plc-exception"\nvalue = 2\nduration_s = 60.0\n'))
+    code, findings, _ = check(
+        bench_of('[[fault]]\nkind = "plc-exception"\nvalue = 2\nduration_s = 60.0\n')
+    )
     assert code == 4
     assert "exception 2 (illegal data address)" in findings["machine-silent"]["text"]
 
@@ -142,7 +172,9 @@ MAP = {
 
 
 def test_a_control_that_hangs(bench_of, check):
-    code, findings, _ = check(bench_of('[[fault]]\nkind = "plc-frozen"\nduration_s = 60.0\n'), seconds=5)
+    code, findings, _ = check(
+        bench_of('[[fault]]\nkind = "plc-frozen"\nduration_s = 60.0\n'), seconds=5
+    )
     assert code == 4
     assert "the PLC's program does not run" in findings["heartbeat-still"]["text"]
 
@@ -161,10 +193,18 @@ def test_a_port_that_another_program_holds(bench_of, check):
 def test_on_a_terminal_the_table_lives(bench_of, tmp_path):
     addresses = bench_of()
     survey = tmp_path / "survey.toml"
-    survey.write_text(SURVEY.format(laser=addresses["laser_link"], plc=addresses["plc_port"], unit=1), encoding="utf-8")
+    survey.write_text(
+        SURVEY.format(laser=addresses["laser_link"], plc=addresses["plc_port"], unit=1),
+        encoding="utf-8",
+    )
     master, slave = pty.openpty()
     command = [sys.executable, "-m", "stepdiag", "check", str(survey), "--seconds", "2"]
-    process = subprocess.Popen(command, stdout=slave, stderr=slave, env={**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "60"})
+    process = subprocess.Popen(
+        command,
+        stdout=slave,
+        stderr=slave,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "60"},
+    )
     os.close(slave)
     shown = b""
     with suppress(OSError):
@@ -179,7 +219,13 @@ def test_a_survey_file_that_is_wrong_is_refused_before_any_port_is_opened(tmp_pa
     survey = tmp_path / "survey.toml"
     survey.write_text(SURVEY.format(laser="x", plc="70000", unit=1), encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "stepdiag", "check", str(survey)], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-m", "stepdiag", "check", str(survey)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 2
-    assert "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000" in done.stderr
+    assert (
+        "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000" in done.stderr
+    )

@@ -1,4 +1,5 @@
-"""Controls in their own protocol: Siemens S7 (the library's server), Heidenhain LSV2 (a server from the public description)."""
+"""Controls in their own protocol: Siemens S7 (the library's server), Heidenhain LSV2 (a server from
+the public description)."""
 
 import asyncio
 import json
@@ -37,10 +38,16 @@ HANDSHAKE = {"siemens-828d": {"handshake": True, "dwell": 0.5}, "heidenhain": {}
 
 
 def with_control(text, name, port, *, timeout_s=10.0):
-    """Return a survey file's text with the machine reached as the shipped section of this control says."""
-    section = control_section(name, "127.0.0.1").replace("timeout_s = 1.0", f"timeout_s = {timeout_s}\nport = {port}\npoll_hz = 100.0")
+    """Return a survey file's text with the machine reached as the shipped section of this control
+    says."""
+    section = control_section(name, "127.0.0.1").replace(
+        "timeout_s = 1.0", f"timeout_s = {timeout_s}\nport = {port}\npoll_hz = 100.0"
+    )
     section = section.replace(
-        "enabled = false", "enabled = true" if "enabled = true" in text.split("[plc.handshake]")[1] else "enabled = false"
+        "enabled = false",
+        "enabled = true"
+        if "enabled = true" in text.split("[plc.handshake]")[1]
+        else "enabled = false",
     )
     before, after = text.split("[plc]\n")
     return f"{before}[plc]\n{section}\n[stop]{after.split('[stop]')[1]}"
@@ -49,7 +56,9 @@ def with_control(text, name, port, *, timeout_s=10.0):
 @contextmanager
 def controlled(folder, name, **options):
     """A hall whose machine is reached through a control of this name."""
-    with hall(folder, laser_survey='[environment]\nsource = "fixed"\n', **HANDSHAKE[name], **options) as place:
+    with hall(
+        folder, laser_survey='[environment]\nsource = "fixed"\n', **HANDSHAKE[name], **options
+    ) as place:
         text = place.survey.read_text()
         modbus = int(re.search(r"\[plc\]\nport = (\d+)", text)[1])
         with CONTROLS[name](modbus) as control:
@@ -65,8 +74,11 @@ def start_the_next(place):
 
 
 @pytest.mark.parametrize("name", CONTROLS)
-def test_a_survey_is_recorded_through_a_lost_control_and_a_killed_daemon_and_replayed(tmp_path, name):
-    """Checked first as a person would; after the first setup the control's network goes and comes back, then the daemon is killed."""
+def test_a_survey_is_recorded_through_a_lost_control_and_a_killed_daemon_and_replayed(
+    tmp_path, name
+):
+    """Checked first as a person would; after the first setup the control's network goes and comes
+    back, then the daemon is killed."""
     with controlled(tmp_path, name, n=1) as (place, control):
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
         assert code == 0, said
@@ -144,9 +156,12 @@ OTHERS = {
 
 
 def looked_at(name, port, changed=lambda text: text, *, host="127.0.0.1"):
-    """Watch a machine as `check` does until something is to be said of it, without any laser; return it and the findings by code."""
+    """Watch a machine as `check` does until something is to be said of it, without any laser;
+    return it and the findings by code."""
     section = f"{re.sub(r'(?m)^timeout_s = .*$', '', control_section(name, host))}\n"
-    section = section.replace(f'host = "{host}"', f'host = "{host}"\ntimeout_s = 1.0\nport = {port}')
+    section = section.replace(
+        f'host = "{host}"', f'host = "{host}"\ntimeout_s = 1.0\nport = {port}'
+    )
     survey = parse_survey(changed(f"{SMALLEST}[plc]\n{section}"), "s")
     seen = Observation(survey)
 
@@ -158,7 +173,9 @@ def looked_at(name, port, changed=lambda text: text, *, host="127.0.0.1"):
     return seen, {name: each for each in diagnose(seen) for name in (each.code, each.key)}
 
 
-@pytest.mark.parametrize(("name", "other"), OTHERS, ids=lambda each: getattr(each, "__name__", each))
+@pytest.mark.parametrize(
+    ("name", "other"), OTHERS, ids=lambda each: getattr(each, "__name__", each)
+)
 def test_another_product_or_another_slot_is_named(name, other):
     with listener(other) as port:
         _, found = looked_at(name, port)
@@ -167,7 +184,8 @@ def test_another_product_or_another_slot_is_named(name, other):
 
 @pytest.fixture
 def hurried(monkeypatch):
-    """How long is waited for a connection is not what is shown. (Of S7 it is the library's own five seconds.)"""
+    """How long is waited for a connection is not what is shown. (Of S7 it is the library's own five
+    seconds.)"""
     monkeypatch.setattr(lsv2, "CONNECT_S", 1.0)
 
 
@@ -177,12 +195,16 @@ def test_half_an_answer_for_ever_is_named(name, monkeypatch):
     monkeypatch.setattr(s7, "CONNECT_S", 1.0)
     with listener(drips) as port:
         _, found = looked_at(name, port)
-    assert "silence" in found["machine-unreachable"].text or "something else" in found["machine-unreachable"].text
+    assert (
+        "silence" in found["machine-unreachable"].text
+        or "something else" in found["machine-unreachable"].text
+    )
 
 
 @contextmanager
 def swallowing():
-    """A port whose connections are neither taken nor refused, as behind a firewall: its queue is full, the kernel drops what asks."""
+    """A port whose connections are neither taken nor refused, as behind a firewall: its queue is
+    full, the kernel drops what asks."""
     with socket.create_server(("127.0.0.1", 0), backlog=0) as server, ExitStack() as asking:
         for _ in range(4):
             one = asking.enter_context(socket.socket())
@@ -233,9 +255,12 @@ def test_a_control_that_wants_a_password_is_named():
 
 
 def test_a_data_block_that_is_not_there_is_named_and_the_others_are_read():
-    """Without the axes nobody knows whether the machine stands: that is an error, not a machine that never stands."""
+    """Without the axes nobody knows whether the machine stands: that is an error, not a machine
+    that never stands."""
     with s7_control() as control:
-        seen, found = looked_at("siemens-828d", control.port, lambda text: text.replace('"db3902"', '"db3912"'))
+        seen, found = looked_at(
+            "siemens-828d", control.port, lambda text: text.replace('"db3902"', '"db3912"')
+        )
     assert found["signals-absent.refused"].severity == "error"
     assert "fine_z at db3912 0 bit 7" in found["signals-absent.refused"].text
     assert "object does not exist" in found["signals-absent.refused"].text
@@ -269,16 +294,24 @@ SAID = {
 @pytest.mark.parametrize("case", SAID)
 def test_the_journal_names_it_too(tmp_path, case):
     place_of, host, words = SAID[case]
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, place_of() as port:
+    with (
+        hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place,
+        place_of() as port,
+    ):
         place.survey.write_text(
-            with_control(place.survey.read_text(), "siemens-828d", port).replace('host = "127.0.0.1"', f'host = "{host}"')
+            with_control(place.survey.read_text(), "siemens-828d", port).replace(
+                'host = "127.0.0.1"', f'host = "{host}"'
+            )
         )
         with daemon(place.survey, wait_for=("laser",)) as process:
             assert words in until(process, "link-lost", link="machine")[-1]["detail"]
 
 
 def test_a_password_is_named_in_the_journal(tmp_path):
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, tnc_control(password="secret") as control:
+    with (
+        hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place,
+        tnc_control(password="secret") as control,
+    ):
         place.survey.write_text(with_control(place.survey.read_text(), "heidenhain", control.port))
         with daemon(place.survey, wait_for=("laser",)) as process:
             assert "wants a password" in until(process, "link-lost", link="machine")[-1]["detail"]
@@ -301,7 +334,10 @@ def test_an_s7_that_refuses_one_block_is_asked_for_the_others_in_one_telegram():
     """What tells of one moment stays of one moment."""
     with s7_control() as control:
         control.server.unregister_area(SrvArea.DB, 3902)
-        wanted = [ReadRange("db4900", 0, 6), *(ReadRange(f"db390{axis}", 0, 2) for axis in range(3))]
+        wanted = [
+            ReadRange("db4900", 0, 6),
+            *(ReadRange(f"db390{axis}", 0, 2) for axis in range(3)),
+        ]
         settings = S7Settings(host="127.0.0.1", port=control.port, timeout_s=10.0)
         polls, asked = asyncio.run(polled(control, settings, wanted, 4))
     assert [[len(data) for data in block.data] for block in polls] == [[6, 2, 2, 0]] * 4

@@ -1,4 +1,5 @@
-"""A laser on the network: binary frames over TCP, a board behind a terminal server; lost, killed, replayed to the same bytes."""
+"""A laser on the network: binary frames over TCP, a board behind a terminal server; lost, killed,
+replayed to the same bytes."""
 
 import json
 import os
@@ -30,18 +31,33 @@ rate_hz = 500.0
 
 def frames(order):
     bench = f'rate_hz = 500.0\nwire = "tcp"\nbyte_order = "{order}"\n'
-    return {"laser": "frames", "laser_bench": bench, "laser_survey": FRAMES.format(order=order), "handshake": True, "dwell": 0.5, "n": 1}
+    return {
+        "laser": "frames",
+        "laser_bench": bench,
+        "laser_survey": FRAMES.format(order=order),
+        "handshake": True,
+        "dwell": 0.5,
+        "n": 1,
+    }
 
 
 @pytest.mark.impatient
-def test_a_survey_with_binary_frames_over_tcp_is_recorded_solved_and_replayed_to_the_same_bytes(tmp_path):
+def test_a_survey_with_binary_frames_over_tcp_is_recorded_solved_and_replayed_to_the_same_bytes(
+    tmp_path,
+):
     with hall(tmp_path, **frames("big")) as place:
         drive_and_replay(place)
 
 
-def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cost_nothing_silently(tmp_path):
-    """The instrument loses its supply in a move of the first setup; in the second the daemon is killed."""
-    cut = '[[fault]]\nkind = "laser-unplug"\nsetup = "npp"\nstop = 2\nphase = "move"\nduration_s = 0.3\n'
+def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cost_nothing_silently(
+    tmp_path,
+):
+    """The instrument loses its supply in a move of the first setup; in the second the daemon is
+    killed."""
+    cut = (
+        '[[fault]]\nkind = "laser-unplug"\nsetup = "npp"\nstop = 2\nphase = "move"\nduration_s = '
+        "0.3\n"
+    )
     with hall(tmp_path, faults=cut, **frames("little")) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
@@ -58,9 +74,15 @@ def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cos
 
 @pytest.mark.impatient
 def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_path):
-    """RFC 2217 by the library's own server side; check says how the line is set, and the survey is whole."""
-    with hall(tmp_path, handshake=True, dwell=0.5, n=1) as place, terminal_server(str(tmp_path / "devices" / "laser"), "rfc2217") as name:
-        place.survey.write_text(place.survey.read_text().replace(str(tmp_path / "devices" / "laser"), name))
+    """RFC 2217 by the library's own server side; check says how the line is set, and the survey is
+    whole."""
+    with (
+        hall(tmp_path, handshake=True, dwell=0.5, n=1) as place,
+        terminal_server(str(tmp_path / "devices" / "laser"), "rfc2217") as name,
+    ):
+        place.survey.write_text(
+            place.survey.read_text().replace(str(tmp_path / "devices" / "laser"), name)
+        )
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
         assert code == 0, said
         assert "115200 baud 8N1 set at the terminal server" in json.loads(out)["laser"]["detail"]
@@ -69,13 +91,16 @@ def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_p
 
 @pytest.mark.impatient
 def test_modbus_rtu_behind_a_terminal_server_records_a_whole_survey(tmp_path):
-    """The control's serial line comes over the network as plain bytes; every pass is whole, the replay the same."""
+    """The control's serial line comes over the network as plain bytes; every pass is whole, the
+    replay the same."""
     with hall(tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5, n=1) as place:
         line = str(tmp_path / "devices" / "plc")
         with terminal_server(line, "socket") as name:
             text = place.survey.read_text()
             assert f'serial_port = "{line}"' in text
-            place.survey.write_text(text.replace(f'serial_port = "{line}"', f'serial_port = "{name}"\ntimeout_s = 5.0'))
+            place.survey.write_text(
+                text.replace(f'serial_port = "{line}"', f'serial_port = "{name}"\ntimeout_s = 5.0')
+            )
             drive_and_replay(place)
         nothing_silently_wrong(place)
 

@@ -1,4 +1,5 @@
-"""``stepdiag setup`` as a person meets it: on a terminal, and by options alone; what it writes passes ``check``."""
+"""``stepdiag setup`` as a person meets it: on a terminal, and by options alone; what it writes
+passes ``check``."""
 
 import codecs
 import io
@@ -30,7 +31,16 @@ from testkit.running.hall import hall
 pytestmark = pytest.mark.system
 
 AGAIN_S = 20.0
-VOLUME = ("--machine", "virtual", "--size", "300,200,100", "--increments", "2", "--compensation", "off")
+VOLUME = (
+    "--machine",
+    "virtual",
+    "--size",
+    "300,200,100",
+    "--increments",
+    "2",
+    "--compensation",
+    "off",
+)
 
 
 class Person:
@@ -49,7 +59,8 @@ class Person:
         os.write(self._terminal, f"{answer}\n".encode())
 
     def leaves_it(self, words):
-        """Press Ctrl-C once something has been said, and again where that is lost: Python misses one between a question and its reading."""
+        """Press Ctrl-C once something has been said, and again where that is lost: Python misses
+        one between a question and its reading."""
         end = time.monotonic() + 120.0
         while words not in self.seen:
             assert time.monotonic() < end, self.seen
@@ -82,9 +93,23 @@ class Person:
 @contextmanager
 def at_a_terminal(*arguments):
     near, far = pty.openpty()
-    # a suite that was started in the background hands on that Ctrl-C is ignored; who sits at a terminal has it
-    command = ["env", "--default-signal=INT", sys.executable, "-m", "stepdiag", *map(str, arguments)]
-    process = subprocess.Popen(command, stdin=far, stdout=far, stderr=far, env=os.environ | {"COLUMNS": "160", "TERM": "dumb"})
+    # a suite that was started in the background hands on that Ctrl-C is ignored; who sits at a
+    # terminal has it
+    command = [
+        "env",
+        "--default-signal=INT",
+        sys.executable,
+        "-m",
+        "stepdiag",
+        *map(str, arguments),
+    ]
+    process = subprocess.Popen(
+        command,
+        stdin=far,
+        stdout=far,
+        stderr=far,
+        env=os.environ | {"COLUMNS": "160", "TERM": "dumb"},
+    )
     os.close(far)
     try:
         yield Person(process, near)
@@ -103,7 +128,8 @@ def laser_port(place):
 
 
 def gives_up_soon_on(monkeypatch, *controls):
-    """Have `setup` wait half a second for these controls, which nobody speaks there; who does answer has the usual time."""
+    """Have `setup` wait half a second for these controls, which nobody speaks there; who does
+    answer has the usual time."""
     asked, usual_s = hearing._asked, hearing.ANSWER_S
 
     async def hurried(control, host, tcp_port):
@@ -116,9 +142,13 @@ def gives_up_soon_on(monkeypatch, *controls):
 
 
 def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
-    """The laser is recognised, the control found by its protocol, a slip of the tongue is asked again."""
+    """The laser is recognised, the control found by its protocol, a slip of the tongue is asked
+    again."""
     file = tmp_path / "mill.toml"
-    with hall(tmp_path) as place, at_a_terminal("setup", file, "--port", modbus_port(place), "--seconds", 6) as person:
+    with (
+        hall(tmp_path) as place,
+        at_a_terminal("setup", file, "--port", modbus_port(place), "--seconds", 6) as person,
+    ):
         person.answers("The laser's port", laser_port(place))
         person.answers("Name or address of the control", "127.0.0.1")
         person.answers("Kind of control", "modbus")
@@ -137,20 +167,41 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         assert "siemens-828d: S7" not in person.seen, "a port speaks one protocol"
         assert "stop_count" in person.seen
         survey = load_survey(file)
-        assert (survey.plc.transport, survey.box.size_mm, survey.identity.name) == ("tcp", (300.0, 200.0, 100.0), "mill")
+        assert (survey.plc.transport, survey.box.size_mm, survey.identity.name) == (
+            "tcp",
+            (300.0, 200.0, 100.0),
+            "mill",
+        )
         assert (survey.uncertainty.machine_class, survey.uncertainty.pitch_mm) == ("good", 20.0)
         assert "ordinary  a machining centre in a shop" in person.seen
         code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
 
 
-@pytest.mark.parametrize("named", [(), ("--control", "modbus")], ids=["unknown control", "named control"])
+@pytest.mark.parametrize(
+    "named", [(), ("--control", "modbus")], ids=["unknown control", "named control"]
+)
 def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(tmp_path, named):
-    """On a port of the builder's choice: nothing answers at 502, and the file would name a control that is not there."""
+    """On a port of the builder's choice: nothing answers at 502, and the file would name a control
+    that is not there."""
     file, closed = tmp_path / "mill.toml", reserved_port()
     laser = ("--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--seconds", 1)
-    usual = ("--machine-class", "good", "--feedback", "scale", "--origin", "0,0,0", "--chain", "FXYZ", "--host", "127.0.0.1")
-    with hall(tmp_path) as place, at_a_terminal("setup", file, *laser, *VOLUME, *usual, *named) as person:
+    usual = (
+        "--machine-class",
+        "good",
+        "--feedback",
+        "scale",
+        "--origin",
+        "0,0,0",
+        "--chain",
+        "FXYZ",
+        "--host",
+        "127.0.0.1",
+    )
+    with (
+        hall(tmp_path) as place,
+        at_a_terminal("setup", file, *laser, *VOLUME, *usual, *named) as person,
+    ):
         person.answers("TCP port of the control", "far away")
         person.answers("expected a whole number", str(closed))
         person.answers("TCP port of the control", str(modbus_port(place)))
@@ -162,15 +213,29 @@ def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
 
 
 def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path, monkeypatch):
-    """Somebody who does not know what his control speaks: the first says why it is not the one. Nothing is overwritten."""
+    """Somebody who does not know what his control speaks: the first says why it is not the one.
+    Nothing is overwritten."""
     gives_up_soon_on(monkeypatch, "modbus")
     file = tmp_path / "mill.toml"
     with hall(tmp_path) as place, s7_control(modbus_port(place)) as there:
-        options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
+        options = (
+            "--laser-port",
+            laser_port(place),
+            "--laser-format",
+            "umd",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            there.port,
+        )
         code, out, said = stepdiag("setup", file, *options, *VOLUME)
         assert code == 0, out + said
         survey = load_survey(file)
-        assert (survey.plc.transport, survey.plc.tcp_port, survey.environment.source) == ("s7", there.port, "fixed")
+        assert (survey.plc.transport, survey.plc.tcp_port, survey.environment.source) == (
+            "s7",
+            there.port,
+            "fixed",
+        )
         assert re.search(r"modbus: .*expected", out)
         assert "heidenhain: " not in out, "a port speaks one protocol"
         written = file.read_bytes()
@@ -184,21 +249,51 @@ def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_pa
 def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     file = tmp_path / "mill.toml"
     closed = reserved_port()
-    code, _, said = stepdiag("setup", file, "--laser-port", f"socket://127.0.0.1:{closed}", "--host", "none", *VOLUME)
+    code, _, said = stepdiag(
+        "setup", file, "--laser-port", f"socket://127.0.0.1:{closed}", "--host", "none", *VOLUME
+    )
     assert (code, file.exists()) == (4, False)
     assert "nothing listens on this port" in said
     done = stepdiag("setup", file, "--host", "none", *VOLUME)
     assert (done.code, file.exists()) == (2, False)
     assert "--laser-port" in done.refusal
-    for wrong in (("--size", "1,2"), ("--chain", "XYZ"), ("--increments", "0"), ("--control", "fanuc"), ("--compensation", "on")):
-        done = stepdiag("setup", file, "--laser-port", "/dev/x", "--laser-format", "umd", "--host", "none", *VOLUME, *wrong)
+    for wrong in (
+        ("--size", "1,2"),
+        ("--chain", "XYZ"),
+        ("--increments", "0"),
+        ("--control", "fanuc"),
+        ("--compensation", "on"),
+    ):
+        done = stepdiag(
+            "setup",
+            file,
+            "--laser-port",
+            "/dev/x",
+            "--laser-format",
+            "umd",
+            "--host",
+            "none",
+            *VOLUME,
+            *wrong,
+        )
         assert (done.code, file.exists()) == (2, False), done
-    absent = ("--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", "--seconds", 1)
+    absent = (
+        "--laser-port",
+        "/dev/no-such-port",
+        "--laser-format",
+        "umd",
+        "--host",
+        "none",
+        "--seconds",
+        1,
+    )
     stated = ("--baud", 57600, "--feedback", "screw", "--pitch-mm", 25)
     code, out, _ = stepdiag("setup", file, *absent, *VOLUME, *stated)
     assert code == 4
     survey = load_survey(file)
-    assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), "the answers are kept, and what is missing is said"
+    assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), (
+        "the answers are kept, and what is missing is said"
+    )
     assert (survey.laser.baud, survey.uncertainty.pitch_mm) == (57600, 25.0)
     assert "ERROR" in out
 
@@ -220,7 +315,8 @@ ANSWERS = {
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Answer at a terminal that is none, up to a question at which the person leaves; return what was asked."""
+    """Answer at a terminal that is none, up to a question at which the person leaves; return what
+    was asked."""
     questions = []
 
     async def heard_nothing(*_):
@@ -236,7 +332,9 @@ def asked(monkeypatch):
     monkeypatch.setattr("stepdiag.checking.hearing.listen", heard_nothing)
     monkeypatch.setattr("stepdiag.checking.hearing.ports", list)
     monkeypatch.setattr("typer.prompt", answer)
-    monkeypatch.setattr("sys.stdin", type("Terminal", (io.StringIO,), {"isatty": lambda self: True})())
+    monkeypatch.setattr(
+        "sys.stdin", type("Terminal", (io.StringIO,), {"isatty": lambda self: True})()
+    )
     return questions, leaves_at
 
 
@@ -256,7 +354,11 @@ def test_ctrl_c_ends_it_without_a_traceback_and_without_a_file(tmp_path, while_i
     """While it listens to a line that says nothing, and at a question."""
     near, far = pty.openpty()
     try:
-        port = () if while_it != "listening on" else ("--laser-port", os.ttyname(far), "--seconds", "60")
+        port = (
+            ()
+            if while_it != "listening on"
+            else ("--laser-port", os.ttyname(far), "--seconds", "60")
+        )
         with at_a_terminal("setup", tmp_path / "mill.toml", *port) as person:
             person.leaves_it(while_it)
             assert person.leaves() != 0
@@ -272,7 +374,16 @@ def test_a_tnc_is_found_by_its_protocol_among_the_three(tmp_path, monkeypatch):
     gives_up_soon_on(monkeypatch, "modbus", "siemens-828d")
     file = tmp_path / "mill.toml"
     with hall(tmp_path) as place, tnc_control(modbus_port(place)) as there:
-        options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
+        options = (
+            "--laser-port",
+            laser_port(place),
+            "--laser-format",
+            "umd",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            there.port,
+        )
         code, out, said = stepdiag("setup", file, *options, *VOLUME)
     assert code == 0, out + said
     assert load_survey(file).plc.transport == "lsv2"

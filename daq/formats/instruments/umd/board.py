@@ -103,12 +103,20 @@ class Board:
         axes, counts = data & 0xFF, (data >> 8) & 0xFF
         self._homodyne = axes > 0
         self._counts_per_cycle = max(counts, 1) if self._homodyne else 1
-        return Remark("device", message("homodyne", axes=axes, counts=self._counts_per_cycle), float(axes))
+        return Remark(
+            "device", message("homodyne", axes=axes, counts=self._counts_per_cycle), float(axes)
+        )
 
     def _hear_firmware(self, data: int) -> Remark:
         version = data & 0xFFFF
         wrong = self._phase_bits is None and version == WRONG_PHASE_FIRMWARE
-        return Remark("device", message("firmware-phase", number=version) if wrong else message("firmware", number=version), float(version))
+        return Remark(
+            "device",
+            message("firmware-phase", number=version)
+            if wrong
+            else message("firmware", number=version),
+            float(version),
+        )
 
     def _read(self) -> Reading:
         return Reading(

@@ -1,8 +1,9 @@
-"""`umd`: the line format of the open interferometer displays uMD0, uMD1 and uMD2 (reference: instruments 1.A).
+"""`umd`: the line format of the open interferometer displays uMD0, uMD1 and uMD2 (reference:
+instruments 1.A).
 
-A line holds decimal integers, 8 for one axis or 16 for three, ended by CR LF:
-REF, MEAS 1, displacement 1, velocity 1, phase 1, sequence number, low-speed code, low-speed data, then MEAS, displacement,
-velocity and phase of axes 2 and 3.
+A line holds decimal integers, 8 for one axis or 16 for three, ended by CR LF: REF, MEAS 1,
+displacement 1, velocity 1, phase 1, sequence number, low-speed code, low-speed data, then MEAS,
+displacement, velocity and phase of axes 2 and 3.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,14 @@ from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
 from stepdiag.daq.formats.framing.lines import LineBuffer, arrivals_of_lines
 from stepdiag.daq.formats.instruments.umd.board import Board
 from stepdiag.daq.formats.instruments.umd.reading import Reading
-from stepdiag.daq.formats.instruments.umd.rows import LINE_CAP, OddLine, Rows, parse_line, parse_lines, uniform_rows
+from stepdiag.daq.formats.instruments.umd.rows import (
+    LINE_CAP,
+    OddLine,
+    Rows,
+    parse_line,
+    parse_lines,
+    uniform_rows,
+)
 from stepdiag.daq.timing.samples import Flag, Samples
 
 
@@ -26,11 +34,12 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class UmdSettings:
     """Settings of a uMD board.
 
-    ``axis`` is the measurement channel 1, 2 or 3; ``optics`` the fold of the interferometer (1 single pass: retroreflector,
-    or flat mirror seen by a single-aperture head; 2 plane mirror interferometer, 4 high resolution); positions are of the vacuum
-    wavelength: the air index is applied downstream. ``latency_s`` is the delay inside the board (uMD1 v60: 24 sample periods).
-    ``phase_bits`` overrides what the firmware sends of the width of its phase field (None: as sent; until then a non-zero phase is
-    flagged).
+    ``axis`` is the measurement channel 1, 2 or 3; ``optics`` the fold of the interferometer (1
+    single pass: retroreflector, or flat mirror seen by a single-aperture head; 2 plane mirror
+    interferometer, 4 high resolution); positions are of the vacuum wavelength: the air index is
+    applied downstream. ``latency_s`` is the delay inside the board (uMD1 v60: 24 sample periods).
+    ``phase_bits`` overrides what the firmware sends of the width of its phase field (None: as sent;
+    until then a non-zero phase is flagged).
     """
 
     axis: int = 1
@@ -42,13 +51,23 @@ class UmdSettings:
 
     def __post_init__(self) -> None:
         require(self.axis in (1, 2, 3), "laser.umd.axis", "1, 2 or 3", self.axis)
-        require(self.phase_bits in (None, 8, 16), "laser.umd.phase_bits", message("phase-bits"), self.phase_bits)
+        require(
+            self.phase_bits in (None, 8, 16),
+            "laser.umd.phase_bits",
+            message("phase-bits"),
+            self.phase_bits,
+        )
         require_interferometer(self.wavelength_nm, self.optics)
         require_sign(self.sign)
 
 
-_RAW_COUNT = (Wrap(-(2**15), 2**15 - 1, 1000), Wrap(-(2**31), 2**31 - 1, 1000), Wrap(0, 2**32 - 1, 1000))
-"""uMD0 prints its 32-bit sequence number as a signed 16-bit one; the others wrap at 32 bits. Over the end 1000 steps are believed."""
+_RAW_COUNT = (
+    Wrap(-(2**15), 2**15 - 1, 1000),
+    Wrap(-(2**31), 2**31 - 1, 1000),
+    Wrap(0, 2**32 - 1, 1000),
+)
+"""uMD0 prints its 32-bit sequence number as a signed 16-bit one; the others wrap at 32 bits. Over
+the end 1000 steps are believed."""
 
 _REF, _SEQUENCE, _CODE, _DATA = 0, 5, 6, 7
 _MEAS_DISPLACEMENT_PHASE = {1: (1, 2, 4), 2: (8, 9, 11), 3: (12, 13, 15)}
@@ -57,10 +76,10 @@ _MEAS_DISPLACEMENT_PHASE = {1: (1, 2, 4), 2: (8, 9, 11), 3: (12, 13, 15)}
 class UmdDecoder:
     """Decoder of a uMD board (`daq.timing.samples.Decoder`).
 
-    The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE, not to be used, which is no loss of
-    count as DEVICE_ERROR would be. A line without the configured axis
-    gives NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is homodyne, its scale is unknown: NaN, flagged
-    HEAD_ERROR.
+    The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE, not to be
+    used, which is no loss of count as DEVICE_ERROR would be. A line without the configured axis
+    gives NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is homodyne, its
+    scale is unknown: NaN, flagged HEAD_ERROR.
     """
 
     def __init__(self, settings: UmdSettings) -> None:
@@ -84,7 +103,8 @@ class UmdDecoder:
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes, their position in mm of the vacuum wavelength."""
+        """Return the samples that ``chunk`` completes, their position in mm of the vacuum
+        wavelength."""
         block = self._lines.feed(chunk)
         if not block:
             return NOTHING
@@ -103,7 +123,9 @@ class UmdDecoder:
         if rows is None or not self._goes_on(rows):
             return None
         meas, displacement, phase = self._columns
-        cycles, flags = self._board.reading.interpret(rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase])
+        cycles, flags = self._board.reading.interpret(
+            rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase]
+        )
         if flags.any():
             return None
         self._lines.feed(data)
@@ -115,7 +137,11 @@ class UmdDecoder:
         """Return whether rows follow the last row, are of the configured axis, and bring no new
         code.
         """
-        return rows.shape[1] > self._columns[0] and self._track.goes_on(rows[:, _SEQUENCE]) and not self._news(rows)
+        return (
+            rows.shape[1] > self._columns[0]
+            and self._track.goes_on(rows[:, _SEQUENCE])
+            and not self._news(rows)
+        )
 
     def _news(self, rows: Rows) -> list[int]:
         """Return the rows with a code; none if every code is a repetition: a board repeats a few of
@@ -143,7 +169,9 @@ class UmdDecoder:
         self._greeted = False
         earlier = len(batch.notices)
         batch.remark(followed.breaks, followed.keep)
-        self._take_rows(part if followed.keep.all() else part[followed.keep], followed.counter, batch)
+        self._take_rows(
+            part if followed.keep.all() else part[followed.keep], followed.counter, batch
+        )
         batch.notices[earlier:] = sorted(batch.notices[earlier:], key=lambda notice: notice.index)
 
     def _take_rows(self, rows: Rows, counter: NDArray[np.int64], batch: Batch) -> None:
@@ -153,11 +181,16 @@ class UmdDecoder:
         for row in self._news(rows):
             remark = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
             if remark is not None:
-                batch.note(remark.code, remark.why, value=remark.value, name=remark.name, index=base + row)
+                batch.note(
+                    remark.code, remark.why, value=remark.value, name=remark.name, index=base + row
+                )
             if self._board.reading is not reading:
                 self._read(rows[first:row], counter[first:row], reading, batch)
                 first, reading = row, self._board.reading
-                self.nominal_rate_hz, self.gaps_visible = self._board.rate_hz, self._board.counts_every_sample
+                self.nominal_rate_hz, self.gaps_visible = (
+                    self._board.rate_hz,
+                    self._board.counts_every_sample,
+                )
         self._read(rows[first:], counter[first:], reading, batch)
 
     def _read(self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch) -> None:
@@ -166,13 +199,21 @@ class UmdDecoder:
         if not len(rows):
             return
         if rows.shape[1] <= meas:
-            self._remark_once(message("lines-no-axis", axis=self._settings.axis), batch.count, batch)
-            batch.add(counter, np.full(len(rows), np.nan), np.full(len(rows), Flag.DEVICE_ERROR, dtype=np.uint16))
+            self._remark_once(
+                message("lines-no-axis", axis=self._settings.axis), batch.count, batch
+            )
+            batch.add(
+                counter,
+                np.full(len(rows), np.nan),
+                np.full(len(rows), Flag.DEVICE_ERROR, dtype=np.uint16),
+            )
             return
         if reading.phase_use == "unknown" and rows[:, phase].any():
             where = batch.count + int(np.flatnonzero(rows[:, phase])[0])
             self._remark_once(message("phase-width"), where, batch)
-        cycles, flags = reading.interpret(rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase])
+        cycles, flags = reading.interpret(
+            rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase]
+        )
         cycles *= self._cycle_mm
         batch.add(counter, cycles, flags)
 

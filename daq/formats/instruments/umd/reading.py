@@ -1,7 +1,7 @@
 """From the numbers of `umd` lines to interferometer cycles and what is wrong with them.
 
-The rules of the display's own program (reference: instruments 1.A), which subtracts the phase; another public decoder adds
-it and is wrong by its author's word.
+The rules of the display's own program (reference: instruments 1.A), which subtracts the phase;
+another public decoder adds it and is wrong by its author's word.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,8 @@ _PHASE_STEPS = {"8-bit": 256.0, "16-bit": 65536.0}
 _PHASE_ERRORS = 0x7E00
 """No first or second REF edge, no MEAS edge, and the same for PORTB. A negative phase is valid."""
 _SLEW_MARGIN_HZ = 100_000.0
-"""MEAS below 0.1 MHz, or above twice REF less 0.1 MHz: the target is faster than the board can count."""
+"""MEAS below 0.1 MHz, or above twice REF less 0.1 MHz: the target is faster than the board can
+count."""
 
 Column = NDArray[np.int64]
 
@@ -35,8 +36,11 @@ class Reading:
     counts_per_cycle: int
     phase_use: PhaseUse
 
-    def interpret(self, ref: Column, meas: Column, displacement: Column, phase: Column) -> tuple[NDArray[np.float64], NDArray[np.uint16]]:
-        """Return displacement in cycles (half a wavelength divided by the optics) and `Flag` bits, both shape (rows,)."""
+    def interpret(
+        self, ref: Column, meas: Column, displacement: Column, phase: Column
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint16]]:
+        """Return displacement in cycles (half a wavelength divided by the optics) and `Flag` bits,
+        both shape (rows,)."""
         flags = np.zeros(len(ref), dtype=np.uint16)
         counts = displacement.astype(np.float64)
         if phase.any():
@@ -44,11 +48,14 @@ class Reading:
         if not self.homodyne:
             self._judge_beam(ref, meas, flags)
         if self.homodyne is None:
-            counts[ref == 0] = np.nan  # either a head without light or a board that counts quarters of a cycle
+            counts[ref == 0] = (
+                np.nan
+            )  # either a head without light or a board that counts quarters of a cycle
         return counts / self.counts_per_cycle, flags
 
     def _fraction(self, phase: Column, flags: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Return the part of a count to subtract, 0 where the phase cannot be used; mark what is wrong in ``flags``."""
+        """Return the part of a count to subtract, 0 where the phase cannot be used; mark what is
+        wrong in ``flags``."""
         if self.phase_use == "16-bit":
             return phase / _PHASE_STEPS["16-bit"]
         wrong = ((phase & _PHASE_ERRORS) != 0) & (phase >= 0)
@@ -64,7 +71,8 @@ class Reading:
         return fraction
 
     def _judge_beam(self, ref: Column, meas: Column, flags: NDArray[np.uint16]) -> None:
-        """Mark lost beams and slew errors by the counts of REF and MEAS in a sample; a homodyne board has neither."""
+        """Mark lost beams and slew errors by the counts of REF and MEAS in a sample; a homodyne
+        board has neither."""
         if not (ref.all() and meas.all()):
             mark(flags, ref == 0, Flag.HEAD_ERROR)
             mark(flags, meas == 0, Flag.BEAM_LOST)

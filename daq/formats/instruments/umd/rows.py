@@ -1,7 +1,8 @@
 """The text of `umd` lines: blocks of bytes to rows of whole numbers.
 
-`parse_line` is the definition. A block is first tried as a whole, which numpy does thirty times faster; it is taken only if
-every line has exactly the same plain form, and otherwise halved until the odd line stands alone.
+`parse_line` is the definition. A block is first tried as a whole, which numpy does thirty times
+faster; it is taken only if every line has exactly the same plain form, and otherwise halved until
+the odd line stands alone.
 """
 
 import re
@@ -33,7 +34,8 @@ _MINUS, _BLANK, _ZERO = b"- 0"
 _LIMIT = 10**18
 """No count of a board comes near; every number below it fits int64."""
 _PADDING = b"0" * 40
-"""A line of 16 numbers below the limit is longer than the cap only with such a run of leading zeros."""
+"""A line of 16 numbers below the limit is longer than the cap only with such a run of leading
+zeros."""
 _SMALL_BLOCK = 200
 """Bytes below which trying the block as a whole costs more than its single lines."""
 
@@ -47,7 +49,8 @@ class OddLine:
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
-    """Yield what stands in ``block``, empty or ending with a line feed, in order. Empty lines are nothing."""
+    """Yield what stands in ``block``, empty or ending with a line feed, in order. Empty lines are
+    nothing."""
     rows = uniform_rows(block) if len(block) > _SMALL_BLOCK else None
     if rows is not None:
         yield rows
@@ -81,18 +84,25 @@ def parse_line(line: bytes) -> Rows | OddLine | None:
 
 
 def uniform_rows(block: bytes) -> Rows | None:
-    """Return the rows of a block whose lines all have 8 or all 16 plain fields; None where one has not."""
+    """Return the rows of a block whose lines all have 8 or all 16 plain fields; None where one has
+    not."""
     first = block[: block.find(b"\n") + 1]
     fields = len(first.split())
     separators = first.translate(None, _NUMERALS)
-    if fields not in (_SINGLE_AXIS, _MULTI_AXIS) or separators.rstrip(b"\r\n") not in (b" " * (fields - 1), b" " * fields):
+    if fields not in (_SINGLE_AXIS, _MULTI_AXIS) or separators.rstrip(b"\r\n") not in (
+        b" " * (fields - 1),
+        b" " * fields,
+    ):
         return None
     found = block.translate(None, _NUMERALS)
     lines, rest = divmod(len(found), len(separators))
     if rest or found != separators * lines or _PADDING in block or not _plain_signs(block):
         return None
     numbers: Rows = np.fromstring(block, dtype=np.int64, sep=" ")
-    if len(numbers) != lines * fields or not -_LIMIT < int(numbers.min()) <= int(numbers.max()) < _LIMIT:
+    if (
+        len(numbers) != lines * fields
+        or not -_LIMIT < int(numbers.min()) <= int(numbers.max()) < _LIMIT
+    ):
         return None  # fewer numbers than separators have room for: somewhere a field is empty
     return numbers.reshape(lines, fields)
 

@@ -1,4 +1,5 @@
-"""The commanded position as the machine gives it: it counts, and where it is not the planned one that is said."""
+"""The commanded position as the machine gives it: it counts, and where it is not the planned one
+that is said."""
 
 from dataclasses import replace
 
@@ -19,10 +20,15 @@ LONG = (300.0**2 + 200.0**2 + 100.0**2) ** 0.5
 
 
 def rounded(stops, places):
-    """Return standstills of a program whose author wrote positions with so many decimals; the laser reads where the machine is."""
+    """Return standstills of a program whose author wrote positions with so many decimals; the laser
+    reads where the machine is."""
     written = [tuple(round(value, places) for value in stop.position) for stop in stops]
     return [
-        replace(stop, position=place, reading=sum(p * s for p, s in zip(place, SIZE, strict=True)) / LONG)
+        replace(
+            stop,
+            position=place,
+            reading=sum(p * s for p, s in zip(place, SIZE, strict=True)) / LONG,
+        )
         for stop, place in zip(stops, written, strict=True)
     ]
 
@@ -32,13 +38,16 @@ def run(stops, text):
     survey = parse_survey(text, "survey.toml")
     book = PassBook(survey)
     capture = Capture(survey, book.start(skip_open_dwell=False))
-    outcomes = [outcome for event in Timeline(stops).events() for outcome in capture.feed(event)] + capture.finish()
+    outcomes = [
+        outcome for event in Timeline(stops).events() for outcome in capture.feed(event)
+    ] + capture.finish()
     book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
     return survey, book, [each for each in outcomes if isinstance(each, Finding)]
 
 
 def test_the_readings_carry_the_position_that_the_machine_gave():
-    """Y and Z thirds of 200 and 100 mm, written with one decimal: 33.3 µm beside the plan, and said once with stop and size."""
+    """Y and Z thirds of 200 and 100 mm, written with one decimal: 33.3 µm beside the plan, and said
+    once with stop and size."""
     survey, book, findings = run(rounded(diagonal("ppp"), 1), survey_text())
     (only,) = book.passes
     readings = tabulate(survey, [only])
@@ -56,27 +65,43 @@ def test_a_program_of_three_decimals_is_a_note():
 
 
 def test_what_a_register_rounds_is_no_difference():
-    """The contract's registers count tenths of a micrometre: thirds of a millimetre are what they say."""
+    """The contract's registers count tenths of a micrometre: thirds of a millimetre are what they
+    say."""
     assert run(diagonal("ppp"), survey_text())[2] == []
 
 
 def test_a_real_number_resolves_its_last_bit():
     """float32 holds 24 bits: 2^-15 mm at 400 mm (IEEE 754, binary32)."""
     assert resolution(SignalSpec(address=4, type="float32"), 400.0) == pytest.approx(2.0**-15)
-    assert resolution(SignalSpec(address=4, type="int32", scale=-1e-4), 400.0) == pytest.approx(1e-4)
+    assert resolution(SignalSpec(address=4, type="int32", scale=-1e-4), 400.0) == pytest.approx(
+        1e-4
+    )
 
 
 def test_what_cannot_be_checked_is_said():
-    text = {each.code: each.text for each in unchecked(parse_survey(survey_text(signals=STOPPED_ONLY, setups=("ppp", "npp")), "s"))}
+    text = {
+        each.code: each.text
+        for each in unchecked(
+            parse_survey(survey_text(signals=STOPPED_ONLY, setups=("ppp", "npp")), "s")
+        )
+    }
     assert set(text) == {"signals-absent"}
     assert "cannot distinguish" not in text["signals-absent"]
     cube = survey_text(size=(200.0, 200.0, 100.0), signals=STOPPED_ONLY)
     (without, _) = unchecked(parse_survey(cube, "s"))
-    assert "X and Y make the same step along the diagonal, so the laser cannot distinguish these axes" in without.text
+    assert (
+        "X and Y make the same step along the diagonal, so the laser cannot distinguish these axes"
+        in without.text
+    )
     assert unchecked(parse_survey(survey_text(), "s")) == ()
     named = "a program that drives another diagonal than its setup code is not noticed"
     (coded, _) = unchecked(
-        parse_survey(survey_text(signals=f"{STOPPED_ONLY}\n[plc.signals.setup]\naddress = 3\n", setups=("ppp", "npp")), "s")
+        parse_survey(
+            survey_text(
+                signals=f"{STOPPED_ONLY}\n[plc.signals.setup]\naddress = 3\n", setups=("ppp", "npp")
+            ),
+            "s",
+        )
     )
     assert named in coded.text
     assert named not in text["signals-absent"]

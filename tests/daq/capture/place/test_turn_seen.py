@@ -14,11 +14,14 @@ def laser(rate_hz, overrun_s):
     """A laser that sees the machine stand, go 2 mm beyond for a while, and stand again."""
     time_ns = np.arange(0.0, 1e9, 1e9 / rate_hz)
     away = np.abs(time_ns - 0.5e9) < 0.5e9 * overrun_s
-    return SimpleNamespace(span=lambda *_: SimpleNamespace(time_ns=time_ns, position_mm=np.where(away, 102.0, 100.0)))
+    return SimpleNamespace(
+        span=lambda *_: SimpleNamespace(time_ns=time_ns, position_mm=np.where(away, 102.0, 100.0))
+    )
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "overrun_s", "seen"), [(1000.0, 0.1, True), (40.0, 0.1, True), (1000.0, 0.0, False), (8.0, 0.1, False)]
+    ("rate_hz", "overrun_s", "seen"),
+    [(1000.0, 0.1, True), (40.0, 0.1, True), (1000.0, 0.0, False), (8.0, 0.1, False)],
 )
 def test_an_overrun_is_seen_or_it_is_known_that_it_may_have_been_missed(rate_hz, overrun_s, seen):
     stream = laser(rate_hz, overrun_s)

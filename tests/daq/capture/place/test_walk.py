@@ -6,7 +6,12 @@ from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.place.walk import Walk
 from testkit.routes import make_route
 
-ROUTE = make_route(Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(300.0, 200.0, 100.0), increments=2), "ppp", "xyz", outward=True)
+ROUTE = make_route(
+    Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(300.0, 200.0, 100.0), increments=2),
+    "ppp",
+    "xyz",
+    outward=True,
+)
 
 
 @pytest.mark.parametrize("stop", [1, 3, 6])

@@ -1,4 +1,5 @@
-"""Bytes that were lost on the way to this program are named with where that was, in the log's own words too."""
+"""Bytes that were lost on the way to this program are named with where that was, in the log's own
+words too."""
 
 import pytest
 
@@ -42,7 +43,11 @@ def test_a_loss_in_a_survey_stands_in_its_log_and_hinders_nothing(tmp_path):
     events = program.events()
     at = len(events) // 2
     lost = LinkEvent(time_of(events[at]), "laser", "connected", "/dev/ttyS0", (CAUSES[1],))
-    session, found = recorded(tmp_path, survey_file(setups=("ppp",)), [*events[:at], lost, *events[at:]])
-    assert [each.text for each in found if each.key == "samples-missing.bytes"] == [f"laser: bytes were lost: {CAUSES[1]}"]
+    session, found = recorded(
+        tmp_path, survey_file(setups=("ppp",)), [*events[:at], lost, *events[at:]]
+    )
+    assert [each.text for each in found if each.key == "samples-missing.bytes"] == [
+        f"laser: bytes were lost: {CAUSES[1]}"
+    ]
     assert session.book.complete()
     assert [each.key for each in dict.fromkeys(found)].count("samples-missing.bytes") == 1

@@ -33,14 +33,17 @@ def run(timeline):
     """Return the stops by number, and the findings."""
     survey = parse_survey(survey_text(), "survey.toml")
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
-    outcomes = [outcome for event in timeline.events() for outcome in capture.feed(event)] + capture.finish()
+    outcomes = [
+        outcome for event in timeline.events() for outcome in capture.feed(event)
+    ] + capture.finish()
     return {each.stop: each for each in outcomes if isinstance(each, CapturedStop)}, [
         each for each in outcomes if isinstance(each, Finding)
     ]
 
 
 def test_no_stop_is_taken_from_registers_that_stand_still():
-    """Frozen in the dwell of stop 3 until the machine stands at stop 5: what the registers said meanwhile is not believed."""
+    """Frozen in the dwell of stop 3 until the machine stands at stop 5: what the registers said
+    meanwhile is not believed."""
     timeline = Troubled(diagonal("ppp"), seed=1)
     (arrived, left), (_, gone) = timeline.schedule()[3], timeline.schedule()[4]
     timeline.frozen = (arrived + 0.6, gone + 0.6)

@@ -14,7 +14,8 @@ BEGIN_S, LEVEL_MM = 10.0, 50.0
 
 
 class Laser:
-    """Samples at 100 Hz that come from a place within 0.5 s and stand at `LEVEL_MM` from `BEGIN_S` on."""
+    """Samples at 100 Hz that come from a place within 0.5 s and stand at `LEVEL_MM` from `BEGIN_S`
+    on."""
 
     resolution_um = 0.01
 
@@ -32,12 +33,20 @@ class Laser:
     def span(self, from_ns, to_ns, arrived_before_ns=math.inf):
         at = (self.time_s * S >= from_ns) & (self.time_s * S <= to_ns)
         time_ns = self.time_s[at] * S
-        return Span(time_ns=time_ns, position_mm=self.mm[at], beam=np.ones(len(time_ns)), channels=None, unusable=0)
+        return Span(
+            time_ns=time_ns,
+            position_mm=self.mm[at],
+            beam=np.ones(len(time_ns)),
+            channels=None,
+            unusable=0,
+        )
 
 
 def along(laser, step_mm, begin_s=BEGIN_S + 0.05):
     at = (laser.time_s > BEGIN_S + 0.2) & (laser.time_s < BEGIN_S + 0.8)
-    taken = Taken(window=summarise(laser.time_s[at], laser.mm[at]), from_ns=10.2 * S, to_ns=10.8 * S, beam=1.0)
+    taken = Taken(
+        window=summarise(laser.time_s[at], laser.mm[at]), from_ns=10.2 * S, to_ns=10.8 * S, beam=1.0
+    )
     return came_along(laser, taken, begin_s * S, step_mm)
 
 
@@ -55,8 +64,12 @@ def test_a_stop_signal_that_comes_late_or_a_slow_way_changes_nothing(late_s):
 
 def test_what_nobody_saw_is_not_said():
     assert along(Laser(LEVEL_MM), 20.0) is None, "it stood there all the time"
-    assert along(Laser(LEVEL_MM + 20.0, least_s=BEGIN_S + 0.01), 20.0) is None, "the recording began afterwards"
-    assert along(Laser(LEVEL_MM + 20.0, breaks=[BEGIN_S]), 20.0) is None, "the count was lost on the way"
+    assert along(Laser(LEVEL_MM + 20.0, least_s=BEGIN_S + 0.01), 20.0) is None, (
+        "the recording began afterwards"
+    )
+    assert along(Laser(LEVEL_MM + 20.0, breaks=[BEGIN_S]), 20.0) is None, (
+        "the count was lost on the way"
+    )
     assert along(Laser(LEVEL_MM + 20.0), 0.05) is None, "no way to speak of"
 
 

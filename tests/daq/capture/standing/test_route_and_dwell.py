@@ -1,4 +1,5 @@
-"""Where a pass must stop, what the laser must read there, and what Modbus alone says of a standstill."""
+"""Where a pass must stop, what the laser must read there, and what Modbus alone says of a
+standstill."""
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ BOX = Volume(origin_mm=(-50.0, 10.0, 0.0), size_mm=(500.0, 400.0, 300.0), increm
 
 @pytest.mark.parametrize("setup", [*BODY_DIAGONALS, "ppp+2"])
 def test_diagonal_route_reads_the_diagonal_and_comes_back(setup):
-    """An outward pass has 3n+1 stops and ends at the length of the diagonal, 707.1 mm; the return pass mirrors it."""
+    """An outward pass has 3n+1 stops and ends at the length of the diagonal, 707.1 mm; the return
+    pass mirrors it."""
     out = make_route(BOX, setup, "xyz", outward=True)
     back = make_route(BOX, setup, "xyz", outward=False)
     assert len(out) == len(back) == 31
@@ -50,7 +52,8 @@ def test_linear_route_reads_along_its_axis():
     ],
 )
 def test_a_step_is_judged_by_name(measured, absolute, code):
-    """Steps of ppp on 500x400x300, n = 10: x 35.355 mm, y 22.627 mm, z 12.728 mm along the diagonal."""
+    """Steps of ppp on 500x400x300, n = 10: x 35.355 mm, y 22.627 mm, z 12.728 mm along the
+    diagonal."""
     route = make_route(BOX, "ppp", "xyz", outward=True)
     wrong = judge_step(route, 0, 1, measured, absolute)
     assert (wrong.code if wrong else "") == code
@@ -65,7 +68,9 @@ def test_from_which_end_a_cube_is_driven_the_laser_alone_cannot_tell():
 
 def poll(tracker, k, *, stopped, count=None):
     """Feed poll k: asked at 20k ms, answered 5 ms later."""
-    return tracker.poll(Signals(stopped=stopped, stop_count=count), k * 20_000_000, k * 20_000_000 + 5_000_000)
+    return tracker.poll(
+        Signals(stopped=stopped, stop_count=count), k * 20_000_000, k * 20_000_000 + 5_000_000
+    )
 
 
 def test_only_between_first_answer_and_last_request_is_certain():
@@ -97,16 +102,25 @@ def test_silence_in_a_dwell_is_bridged_by_the_same_count():
 
 
 def test_every_state_answers_every_observation():
-    assert set(TRANSITIONS) == {(state, seen) for state in State for seen in ("moving", "same", "new", "silent")}
+    assert set(TRANSITIONS) == {
+        (state, seen) for state in State for seen in ("moving", "same", "new", "silent")
+    }
 
 
 def test_the_table_in_the_text_is_the_table_in_the_code():
     """The module's opening text shows the transitions; it must not lag behind."""
     from stepdiag.daq.capture.standing import dwell
 
-    rows = [line.split() for line in dwell.__doc__.splitlines() if line.startswith("    ") and line.split()[0].isupper()]
+    rows = [
+        line.split()
+        for line in dwell.__doc__.splitlines()
+        if line.startswith("    ") and line.split()[0].isupper()
+    ]
     shown = {(row[0].lower(), row[1]): row[2].lower() for row in rows}
-    assert shown == {(state.value, seen): following.value for (state, seen), (following, _) in TRANSITIONS.items()}
+    assert shown == {
+        (state.value, seen): following.value
+        for (state, seen), (following, _) in TRANSITIONS.items()
+    }
 
 
 @given(before=st.integers(0, 65535), steps=st.integers(0, 65535))
@@ -114,7 +128,10 @@ def test_counter_wraps(before, steps):
     assert count_steps(before, (before + steps) % 65536) == steps
 
 
-@given(levels=st.lists(st.integers(0, 40), min_size=1, max_size=8, unique=True), seed=st.integers(0, 1000))
+@given(
+    levels=st.lists(st.integers(0, 40), min_size=1, max_size=8, unique=True),
+    seed=st.integers(0, 1000),
+)
 def test_plateaus_are_the_standstills(levels, seed):
     """A staircase with ramps of 0.4 s between treads of 0.6 s shows every tread, at its level."""
     rng = np.random.default_rng(seed)

@@ -1,4 +1,5 @@
-"""A window against itself: steps, frozen values and too many outliers are named, noise and drift are not."""
+"""A window against itself: steps, frozen values and too many outliers are named, noise and drift
+are not."""
 
 import numpy as np
 import pytest
@@ -11,7 +12,12 @@ from stepdiag.daq.capture.standing.window import against_itself, step_in_um, sum
 def doubts(values_um, resolution_um=0.001):
     """Return the codes that a window of these readings earns; a thousand samples a second."""
     values = 500.0 + np.asarray(values_um) * 1e-3
-    return [doubt.code for doubt in against_itself(values, summarise(np.arange(len(values)) / 1e3, values), resolution_um)]
+    return [
+        doubt.code
+        for doubt in against_itself(
+            values, summarise(np.arange(len(values)) / 1e3, values), resolution_um
+        )
+    ]
 
 
 @given(
@@ -21,7 +27,9 @@ def doubts(values_um, resolution_um=0.001):
     seed=st.integers(0, 99),
 )
 def test_a_step_inside_the_dwell_is_found_with_its_size(size, at, count, seed):
-    values = np.random.default_rng(seed).normal(0, 0.2, count) + size * (np.arange(count) >= at * count)
+    values = np.random.default_rng(seed).normal(0, 0.2, count) + size * (
+        np.arange(count) >= at * count
+    )
     assert step_in_um(values * 1e-3) == pytest.approx(size, abs=0.4)
     assert doubts(values) == ["window-step"]
 
@@ -38,7 +46,13 @@ def test_noise_drift_and_vibration_are_no_step(seed, count):
     noise = rng.normal(0, 0.2, count)
     assert doubts(noise) == []
     assert doubts(noise + rng.uniform(-5, 5) * time_s) == []
-    assert step_in_um(1e-3 * (noise + 3.0 * np.sin(2 * np.pi * rng.uniform(8, 60) * time_s + rng.uniform(0, 6)))) == 0.0
+    assert (
+        step_in_um(
+            1e-3
+            * (noise + 3.0 * np.sin(2 * np.pi * rng.uniform(8, 60) * time_s + rng.uniform(0, 6)))
+        )
+        == 0.0
+    )
 
 
 def test_a_few_wrong_lines_are_no_doubt_and_many_are():
@@ -50,7 +64,8 @@ def test_a_few_wrong_lines_are_no_doubt_and_many_are():
 
 
 def test_a_frozen_value_is_named_where_the_instrument_never_rests():
-    """A display of 0.1 µm may well stand still; an interferometer that resolves nanometres never does."""
+    """A display of 0.1 µm may well stand still; an interferometer that resolves nanometres never
+    does."""
     frozen = np.full(300, 12.5)
     assert doubts(frozen, resolution_um=0.0012) == ["laser-frozen"]
     assert doubts(frozen, resolution_um=0.1) == []
@@ -64,7 +79,8 @@ def test_equal_samples_are_as_sure_as_the_instruments_resolution():
 
 
 def test_a_machine_that_leaves_in_the_last_scan_of_its_plc_is_no_doubt():
-    """The PLC says up to a scan too long that the machine stands: seven samples of 190 that go further and further away."""
+    """The PLC says up to a scan too long that the machine stands: seven samples of 190 that go
+    further and further away."""
     quiet = np.random.default_rng(3).normal(0, 0.3, 190)
     leaves, jumps, gone = quiet.copy(), quiet.copy(), quiet.copy()
     leaves[-7:] += [78.1, 326.5, 744.1, 1332.0, 2088.5, 3015.3, 4113.0]
@@ -82,12 +98,17 @@ def test_a_machine_that_leaves_in_the_last_scan_of_its_plc_is_no_doubt():
     sigma_um=st.sampled_from([0.02, 0.2]),
     seed=st.integers(0, 1000),
 )
-def test_who_has_left_and_stands_elsewhere_within_a_scan_is_no_doubt_and_a_slip_is(step_um, move, scan, sigma_um, seed):
-    """A short move is over before the PLC looks again: 8 of 467 samples of a move of 2 mm were taken for a step."""
+def test_who_has_left_and_stands_elsewhere_within_a_scan_is_no_doubt_and_a_slip_is(
+    step_um, move, scan, sigma_um, seed
+):
+    """A short move is over before the PLC looks again: 8 of 467 samples of a move of 2 mm were
+    taken for a step."""
     quiet = np.random.default_rng(seed).normal(0, sigma_um, 200)
     moved, slipped = quiet.copy(), quiet.copy()
     done = np.clip(np.arange(1, scan + 1) / move, 0.0, 1.0)
     moved[-scan:] += step_um * done**2 * (3.0 - 2.0 * done)
     slipped[-scan:] += step_um
     assert doubts(moved) == []
-    assert scan <= 5 or doubts(slipped) == ["window-step"], "fewer are single wrong lines, thrown away without a word"
+    assert scan <= 5 or doubts(slipped) == ["window-step"], (
+        "fewer are single wrong lines, thrown away without a word"
+    )

@@ -20,10 +20,13 @@ def correlated(rng, count, sigma_um, memory):
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.98])
 def test_stated_uncertainty_is_the_real_one(memory):
-    """Over many windows the spread of the means agrees with the stated uncertainty, correlation or not."""
+    """Over many windows the spread of the means agrees with the stated uncertainty, correlation or
+    not."""
     rng = np.random.default_rng(4)
     time_s = np.arange(2000) / 1000.0
-    windows = [summarise(time_s, 10.0 + correlated(rng, 2000, 0.3, memory) * 1e-3) for _ in range(120)]
+    windows = [
+        summarise(time_s, 10.0 + correlated(rng, 2000, 0.3, memory) * 1e-3) for _ in range(120)
+    ]
     spread = np.std([window.mean_mm * 1e3 for window in windows], ddof=1)
     stated = np.sqrt(np.mean([window.u_um**2 for window in windows]))
     assert 0.75 < stated / spread < 1.3
@@ -34,7 +37,10 @@ def test_wrong_lines_do_not_move_the_stop():
     position = 100.0 + rng.normal(0, 0.3e-3, 500)
     spoilt = position.copy()
     spoilt[[10, 200, 333]] += [5.0, -0.02, 250.0]
-    clean, dirty = summarise(np.arange(500) / 500, position), summarise(np.arange(500) / 500, spoilt)
+    clean, dirty = (
+        summarise(np.arange(500) / 500, position),
+        summarise(np.arange(500) / 500, spoilt),
+    )
     assert dirty.rejected == 3
     assert abs(dirty.mean_mm - clean.mean_mm) * 1e3 < clean.u_um
 
@@ -48,7 +54,8 @@ def test_trend_is_seen_and_its_doubt_stated():
 
 
 def test_equal_samples_are_as_sure_as_the_resolution():
-    """Where all samples agree the least step still limits the mean; a step of 79 nm (uMD homodyne) gives 23 nm."""
+    """Where all samples agree the least step still limits the mean; a step of 79 nm (uMD homodyne)
+    gives 23 nm."""
     still = summarise(np.arange(100) / 100, np.full(100, 12.5))
     assert 0 < still.u_um < 0.01
     stepped = summarise(np.arange(100) / 100, 12.5 + 79e-6 * (np.arange(100) % 2))

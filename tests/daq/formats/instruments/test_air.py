@@ -1,4 +1,5 @@
-"""Sensors of air and material: the maker's line, any line, any split, and what is no measurement."""
+"""Sensors of air and material: the maker's line, any line, any split, and what is no
+measurement."""
 
 from importlib.resources import files
 
@@ -7,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.formats.instruments.air import MEASURED, PTU300, AirDecoder, AirSettings, AskedAirDecoder
+from stepdiag.daq.formats.instruments.air import (
+    MEASURED,
+    PTU300,
+    AirDecoder,
+    AirSettings,
+    AskedAirDecoder,
+)
 from stepdiag.daq.timing.samples import Flag
 
 ASKED = AirSettings(pattern=PTU300, request="SEND\r")
@@ -27,7 +34,11 @@ def told(decoder, *chunks):
 
 
 def test_the_line_of_the_makers_manual_is_read():
-    expected = {"air_pressure_hpa": 1033.7, "air_temperature_c": 22.2, "relative_humidity_percent": 38.3}
+    expected = {
+        "air_pressure_hpa": 1033.7,
+        "air_temperature_c": 22.2,
+        "relative_humidity_percent": 38.3,
+    }
     assert told(AskedAirDecoder(ASKED), MANUAL) == (expected, [], [0])
 
 
@@ -39,16 +50,30 @@ def test_any_split_of_the_bytes_gives_the_same(cuts):
 
 
 def test_a_quantity_that_fails_is_not_told_and_the_others_are():
-    values, garbage, flags = told(AskedAirDecoder(ASKED), b"P= ***.* hPa T= 22.2 'C RH= 38.3 %RH\r\n")
+    values, garbage, flags = told(
+        AskedAirDecoder(ASKED), b"P= ***.* hPa T= 22.2 'C RH= 38.3 %RH\r\n"
+    )
     assert values == {"air_temperature_c": 22.2, "relative_humidity_percent": 38.3}
     assert (garbage, flags) == ([], [0])
 
 
 def test_a_line_without_a_number_is_a_sample_of_an_instrument_in_trouble():
-    assert told(AskedAirDecoder(ASKED), b"P= **** hPa T= *** 'C RH= *** %RH\r\n") == ({}, [], [Flag.DEVICE_ERROR])
+    assert told(AskedAirDecoder(ASKED), b"P= **** hPa T= *** 'C RH= *** %RH\r\n") == (
+        {},
+        [],
+        [Flag.DEVICE_ERROR],
+    )
 
 
-@pytest.mark.parametrize("line", [b"Unknown command\r\n", b"P= 1033.7 hPa\r\n", b"P= 10T= 22.2 'C RH= 38.3 %RH\r\n", b"\xff\xfe\x00\n"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"Unknown command\r\n",
+        b"P= 1033.7 hPa\r\n",
+        b"P= 10T= 22.2 'C RH= 38.3 %RH\r\n",
+        b"\xff\xfe\x00\n",
+    ],
+)
 def test_what_is_no_measurement_is_named_and_tells_nothing(line):
     values, garbage, flags = told(AskedAirDecoder(ASKED), line)
     assert (values, flags, len(garbage)) == ({}, [], 1)
@@ -61,8 +86,13 @@ def test_a_line_without_an_end_is_no_measurement_however_it_begins():
 
 
 def test_other_units_are_brought_to_ours():
-    pattern = r"(?P<air_temperature_c>[\d.]+) (?P<material_temperature_c>[\d.]+) (?P<air_pressure_hpa>[\d.]+)"
-    decoder = AskedAirDecoder(AirSettings(pattern=pattern, request="?", temperature_unit="F", pressure_unit="inHg"))
+    pattern = (
+        r"(?P<air_temperature_c>[\d.]+) (?P<material_temperature_c>[\d.]+) "
+        r"(?P<air_pressure_hpa>[\d.]+)"
+    )
+    decoder = AskedAirDecoder(
+        AirSettings(pattern=pattern, request="?", temperature_unit="F", pressure_unit="inHg")
+    )
     values, _, _ = told(decoder, b"68.0 50.0 29.921\n")
     assert values == {
         "air_temperature_c": pytest.approx(20.0),
@@ -94,10 +124,15 @@ def test_a_pattern_that_tells_nothing_of_air_is_refused(pattern):
 
 def test_the_channels_are_in_the_order_of_the_names():
     batch = AskedAirDecoder(ASKED).feed(MANUAL, 1)
-    assert dict(zip(MEASURED, batch.channels[0].tolist(), strict=True))["air_pressure_hpa"] == 1033.7
+    assert (
+        dict(zip(MEASURED, batch.channels[0].tolist(), strict=True))["air_pressure_hpa"] == 1033.7
+    )
 
 
 def test_a_sensor_is_asked_as_often_as_the_survey_template_says():
     template = files("stepdiag.daq.survey").joinpath("template.toml").read_text(encoding="utf-8")
     settings = AirSettings(pattern="(?P<air_temperature_c>.*)")
-    assert f"#poll_s = {settings.poll_s}\n" in template.partition("#greeting")[2].partition("[solver]")[0]
+    assert (
+        f"#poll_s = {settings.poll_s}\n"
+        in template.partition("#greeting")[2].partition("[solver]")[0]
+    )

@@ -36,7 +36,13 @@ def test_an_elcomat_tells_two_angles_in_arc_seconds():
 
 
 @pytest.mark.parametrize(
-    ("status", "seen"), [("000", (False, False)), ("001", (True, False)), ("002", (False, True)), ("003", (True, True))]
+    ("status", "seen"),
+    [
+        ("000", (False, False)),
+        ("001", (True, False)),
+        ("002", (False, True)),
+        ("003", (True, True)),
+    ],
 )
 def test_an_axis_that_is_not_valid_is_no_number(status, seen):
     """Third digit of the status: 1 x, 2 y, 3 both."""
@@ -55,11 +61,20 @@ def test_an_axis_that_is_not_valid_is_no_number(status, seen):
     ],
 )
 def test_every_line_that_the_public_driver_reads_is_a_reading(line, arcsec):
-    """Its parser takes the third digit of a status of any length and what strtod takes (elcomat3000.cpp, lines 330 to 361)."""
+    """Its parser takes the third digit of a status of any length and what strtod takes
+    (elcomat3000.cpp, lines 330 to 361)."""
     assert elcomat().feed(line, 1).channels == pytest.approx(np.array([arcsec]) * ARCSEC)
 
 
-NOT_ABSOLUTE = [b"1 103 1.0 2.0", b"2 103 1.0 2.0", b"4 003 1.0 2.0", b"8 423 12 1 2001 300", b"3 003 1.0", b"3 004 1 2", b"\xff" * 300]
+NOT_ABSOLUTE = [
+    b"1 103 1.0 2.0",
+    b"2 103 1.0 2.0",
+    b"4 003 1.0 2.0",
+    b"8 423 12 1 2001 300",
+    b"3 003 1.0",
+    b"3 004 1 2",
+    b"\xff" * 300,
+]
 
 
 @pytest.mark.parametrize("line", NOT_ABSOLUTE)
@@ -85,20 +100,33 @@ def test_a_level_is_asked_and_its_second_field_counts():
 
 
 def test_a_line_without_an_end_is_no_reading_however_it_begins():
-    """Half an answer again and again: cut off at its limit it would still fit a pattern whose end is open."""
+    """Half an answer again and again: cut off at its limit it would still fit a pattern whose end
+    is open."""
     decoder = AskedAnglesDecoder(AnglesSettings(pattern=WYLER, request="P", unit="urad"))
     batches = [decoder.feed(b"0 12.5 ", 1) for _ in range(200)]
     assert not any(map(len, batches))
     assert [notice.code for batch in batches for notice in batch.notices] == ["garbage"]
 
 
-@pytest.mark.parametrize(("unit", "urad"), [("arcsec", ARCSEC), ("urad", 1.0), ("mrad", 1e3), ("deg", np.pi / 180 * 1e6)])
+@pytest.mark.parametrize(
+    ("unit", "urad"), [("arcsec", ARCSEC), ("urad", 1.0), ("mrad", 1e3), ("deg", np.pi / 180 * 1e6)]
+)
 def test_units(unit, urad):
     assert URAD[unit] == pytest.approx(urad)
 
 
 LINES = st.lists(
-    st.sampled_from([b"3 003 1.5 -2.5\r", b"3 001 1.5 0\r", b"1 103 9 9\r", b"?\r", b"\r", b"3 003 99999999 0\r"]), max_size=12
+    st.sampled_from(
+        [
+            b"3 003 1.5 -2.5\r",
+            b"3 001 1.5 0\r",
+            b"1 103 9 9\r",
+            b"?\r",
+            b"\r",
+            b"3 003 99999999 0\r",
+        ]
+    ),
+    max_size=12,
 )
 
 
@@ -111,13 +139,20 @@ def test_any_split_of_the_bytes_gives_the_same_readings(lines, cuts):
     parts = [split.feed(data[first:last], 1) for first, last in pairwise(edges)]
     rows = [row.tolist() for part in parts if part.channels is not None for row in part.channels]
     assert np.array_equal(
-        np.array(rows).reshape(-1, 2), expected.channels if expected.channels is not None else np.zeros((0, 2)), equal_nan=True
+        np.array(rows).reshape(-1, 2),
+        expected.channels if expected.channels is not None else np.zeros((0, 2)),
+        equal_nan=True,
     )
     assert sum(len(part.notices) for part in parts) == len(expected.notices)
 
 
 @pytest.mark.parametrize(
-    "changed", [{"pattern": "x"}, {"pattern": "(?P<first>a)(?P<third>b)"}, {"pattern": "(?P<first>a)", "poll_hz": 0.0}]
+    "changed",
+    [
+        {"pattern": "x"},
+        {"pattern": "(?P<first>a)(?P<third>b)"},
+        {"pattern": "(?P<first>a)", "poll_hz": 0.0},
+    ],
 )
 def test_settings_that_are_none_are_refused(changed):
     with pytest.raises(UsageError, match=r"head\.angles"):

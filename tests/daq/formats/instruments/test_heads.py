@@ -9,7 +9,12 @@ import pytest
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.formats.instruments.fourdof import FRAME_SIZE, FourdofDecoder, FourdofSettings, crc16
+from stepdiag.daq.formats.instruments.fourdof import (
+    FRAME_SIZE,
+    FourdofDecoder,
+    FourdofSettings,
+    crc16,
+)
 from stepdiag.daq.formats.instruments.tqd import TqdDecoder, TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import HEAD_FORMATS, LASER_FORMATS, make_decoder
@@ -73,13 +78,17 @@ def test_the_ascii_form_says_the_same():
 
 
 def test_status_bits_and_impossible_values_are_flagged():
-    samples = decode(frame(1, status=2) + frame(2, status=0x80) + frame(3, [np.nan, *VALUES[1:]], kind="f"))
+    samples = decode(
+        frame(1, status=2) + frame(2, status=0x80) + frame(3, [np.nan, *VALUES[1:]], kind="f")
+    )
     assert samples.flags.tolist() == [Flag.SATURATED, Flag.DEVICE_ERROR, Flag.DEVICE_ERROR]
     assert np.isnan(samples.channels[2, 0])
 
 
 def test_the_weakest_sum_is_the_beam():
-    samples = decode(frame(1) + frame(2, (0, 0, 5000, 0, 0, 40000, 0, 0, 30000)), full_sum=(100000, 50000, 50000))
+    samples = decode(
+        frame(1) + frame(2, (0, 0, 5000, 0, 0, 40000, 0, 0, 30000)), full_sum=(100000, 50000, 50000)
+    )
     assert samples.beam.tolist() == pytest.approx([0.5, 0.05])
     assert samples.flags.tolist() == [0, Flag.BEAM_LOST]
 
@@ -106,7 +115,9 @@ def test_a_sync_inside_the_values_does_not_lose_the_frames_behind():
 
 
 def test_endless_garbage_is_remarked_by_portions():
-    assert codes(feed_all(FourdofDecoder(FourdofSettings()), [b"\x55" * 1000] * 10)) == ["garbage"] * 2
+    assert (
+        codes(feed_all(FourdofDecoder(FourdofSettings()), [b"\x55" * 1000] * 10)) == ["garbage"] * 2
+    )
 
 
 def test_after_an_interruption_half_a_frame_is_forgotten():
@@ -131,7 +142,9 @@ def test_an_answer_of_the_quadrant_detector_is_three_voltages():
     """Raw over 32767 times 10 V, the sum twice that (pylablib, which was made by measuring)."""
     samples = TqdDecoder(TqdSettings(full_sum_v=20)).feed(ANSWER + ANSWER, 1)
     assert samples.channels.shape == (2, 3)
-    np.testing.assert_allclose(samples.channels[0], [-16384 / 3276.7, 8192 / 3276.7, 30000 / 1638.35])
+    np.testing.assert_allclose(
+        samples.channels[0], [-16384 / 3276.7, 8192 / 3276.7, 30000 / 1638.35]
+    )
     assert samples.beam[0] == pytest.approx(30000 / 32767)
     assert samples.counter.tolist() == [0, 1]
     assert not samples.flags.any()
@@ -140,7 +153,10 @@ def test_an_answer_of_the_quadrant_detector_is_three_voltages():
 def test_a_quadrant_detector_at_its_end_or_in_the_dark_is_flagged():
     full = ANSWER[:8] + struct.pack("<hhHhh", 32767, 0, 30000, 0, 0)
     dark = ANSWER[:8] + struct.pack("<hhHhh", 0, 0, 100, 0, 0)
-    assert TqdDecoder(TqdSettings()).feed(full + dark, 1).flags.tolist() == [Flag.SATURATED, Flag.BEAM_LOST]
+    assert TqdDecoder(TqdSettings()).feed(full + dark, 1).flags.tolist() == [
+        Flag.SATURATED,
+        Flag.BEAM_LOST,
+    ]
 
 
 def test_other_messages_of_the_unit_are_garbage_without_harm():
@@ -173,8 +189,15 @@ def test_settings_that_cannot_be_meant_are_refused_by_name(make, field):
         make()
 
 
-PARTS = st.integers(0, 5).map(frame) | st.integers(0, 5).map(line) | st.just(ANSWER) | st.binary(max_size=60)
-STREAMS = st.lists(PARTS | st.sampled_from([b"\xf4", b"\xf4\xd0", b"\x72\x08", b"\x55" * 4200]), max_size=6).map(b"".join)
+PARTS = (
+    st.integers(0, 5).map(frame)
+    | st.integers(0, 5).map(line)
+    | st.just(ANSWER)
+    | st.binary(max_size=60)
+)
+STREAMS = st.lists(
+    PARTS | st.sampled_from([b"\xf4", b"\xf4\xd0", b"\x72\x08", b"\x55" * 4200]), max_size=6
+).map(b"".join)
 
 
 class TestFourdofFrames(DecoderContract):

@@ -1,4 +1,5 @@
-"""IDS3010, HPI-3D (uLine F1) and quDIS by bytes written from their public descriptions (reference: docs/lasers.md)."""
+"""IDS3010, HPI-3D (uLine F1) and quDIS by bytes written from their public descriptions (reference:
+docs/lasers.md)."""
 
 import json
 import struct
@@ -23,7 +24,10 @@ def weather(samples):
 
 
 def ids(number, *result, **more):
-    return json.dumps({"jsonrpc": "2.0", "result": list(result), "id": number} | more).encode() + b"\r\n"
+    return (
+        json.dumps({"jsonrpc": "2.0", "result": list(result), "id": number} | more).encode()
+        + b"\r\n"
+    )
 
 
 def ids_decode(data, **told):
@@ -33,36 +37,60 @@ def ids_decode(data, **told):
 def test_an_ids_is_asked_for_displacement_contrast_and_air():
     decoder = Ids3010Decoder(Ids3010Settings(axis=2, interface="sen", air=True, poll_hz=100))
     asked = json.loads(decoder.request)
-    assert asked == {"jsonrpc": "2.0", "method": "com.attocube.sen.displacement.getAxesDisplacement", "id": 1, "api": 2}
+    assert asked == {
+        "jsonrpc": "2.0",
+        "method": "com.attocube.sen.displacement.getAxesDisplacement",
+        "id": 1,
+        "api": 2,
+    }
     others = [json.loads(request) for request, _ in decoder.others]
     assert others[0]["method"] == "com.attocube.sen.displacement.getAxisSignalQuality"
     assert others[0]["params"] == [1]
     assert [each["method"].rpartition(".")[2] for each in others[1:]] == [
-        "getTemperatureInDegrees", "getPressureInHPa", "getHumidityInPercent",
-    ]  # fmt: skip
+        "getTemperatureInDegrees",
+        "getPressureInHPa",
+        "getHumidityInPercent",
+    ]
     assert decoder.poll_interval_s == pytest.approx(0.01)
 
 
 def test_an_ids_answers_in_picometres_with_contrast_and_air():
     samples = ids_decode(
-        ids(2, 0, 640, 500) + ids(3, 0, 21.5) + ids(4, 0, 987.25) + ids(5, 0, 44.0) + ids(1, 0, 1, 1_234_567_890, 3), axis=2
+        ids(2, 0, 640, 500)
+        + ids(3, 0, 21.5)
+        + ids(4, 0, 987.25)
+        + ids(5, 0, 44.0)
+        + ids(1, 0, 1, 1_234_567_890, 3),
+        axis=2,
     )
     assert samples.position_mm.tolist() == pytest.approx([1.23456789])
     assert samples.beam.tolist() == [0.64]
-    assert weather(samples) == {"air_temperature_c": 21.5, "air_pressure_hpa": 987.25, "relative_humidity_percent": 44.0}
+    assert weather(samples) == {
+        "air_temperature_c": 21.5,
+        "air_pressure_hpa": 987.25,
+        "relative_humidity_percent": 44.0,
+    }
     assert ids_decode(ids(1, 0, -2_000_000, 0, 0), sign=-1).position_mm[0] == pytest.approx(0.002)
 
 
 @pytest.mark.parametrize(
     ("warning", "axis", "flag"),
-    [(2, 2, Flag.BEAM_LOST), (2, 1, 0), (7, 3, Flag.BEAM_LOST), (8, 1, Flag.SATURATED), (99, 1, Flag.DEVICE_ERROR)],
+    [
+        (2, 2, Flag.BEAM_LOST),
+        (2, 1, 0),
+        (7, 3, Flag.BEAM_LOST),
+        (8, 1, Flag.SATURATED),
+        (99, 1, Flag.DEVICE_ERROR),
+    ],
 )
 def test_a_warning_of_an_ids_is_a_mask_of_axes(warning, axis, flag):
     assert ids_decode(ids(1, warning, 1, 2, 3), axis=axis).flags.tolist() == [flag]
 
 
 def test_an_error_of_an_ids_and_another_product_on_the_port_give_no_number():
-    refused = ids_decode(b'{"jsonrpc":"2.0","error":{"code":-32601,"message":"Method not found"},"id":1}\r\n')
+    refused = ids_decode(
+        b'{"jsonrpc":"2.0","error":{"code":-32601,"message":"Method not found"},"id":1}\r\n'
+    )
     assert np.isnan(refused.position_mm).all()
     assert refused.flags.tolist() == [Flag.DEVICE_ERROR]
     assert "Method not found" in str(refused.notices[0].why)
@@ -78,7 +106,9 @@ def lasertex_frame(code, data):
 
 
 def distance(steps, speed=0, state=0x09, level=90):
-    return lasertex_frame(0xB015, steps.to_bytes(7, "big", signed=True) + bytes((0, 0, speed, state, level)))
+    return lasertex_frame(
+        0xB015, steps.to_bytes(7, "big", signed=True) + bytes((0, 0, speed, state, level))
+    )
 
 
 def lasertex(data, **told):
@@ -95,7 +125,9 @@ def test_a_lasertex_counts_in_tenths_of_a_nanometre():
 
 def test_a_command_is_eight_bytes_with_a_checksum():
     """AA, B0 32, four zeros, CRC-8 of polynomial 31h from FFh."""
-    assert command(0xB032) == bytes.fromhex("aab03200000000") + bytes((lasertex_crc(bytes.fromhex("aab03200000000")),))
+    assert command(0xB032) == bytes.fromhex("aab03200000000") + bytes(
+        (lasertex_crc(bytes.fromhex("aab03200000000")),)
+    )
     assert LasertexDecoder.greeting.count(b"\xaa\xb0") == 5
 
 
@@ -112,10 +144,18 @@ def test_the_flags_of_a_lasertex_are_held_until_they_are_dropped_and_dropped_onc
 
 def test_the_sensors_of_a_lasertex_fill_the_environment():
     air = lasertex_frame(0xB00A, struct.pack(">BhBBBh", 0, 2153, 47, 90, 80, 10132))
-    cold, warm = (lasertex_frame(0xB00A, struct.pack(">BhBBBh", sensor, value, 0, 9, 9, 0)) for sensor, value in ((1, -150), (2, 450)))
+    cold, warm = (
+        lasertex_frame(0xB00A, struct.pack(">BhBBBh", sensor, value, 0, 9, 9, 0))
+        for sensor, value in ((1, -150), (2, 450))
+    )
     told = weather(lasertex(air + cold + warm))
     assert told == pytest.approx(
-        {"air_temperature_c": 21.53, "relative_humidity_percent": 47.0, "air_pressure_hpa": 1013.2, "material_temperature_c": 1.5}
+        {
+            "air_temperature_c": 21.53,
+            "relative_humidity_percent": 47.0,
+            "air_pressure_hpa": 1013.2,
+            "material_temperature_c": 1.5,
+        }
     )
 
 
@@ -173,7 +213,8 @@ def test_words_that_are_no_pairs_and_what_is_no_telegram_are_garbage():
 
 
 def test_a_qudis_that_goes_on_with_another_axis_gives_no_reading_of_it():
-    """Told to send axis 3, which it has not, it sends axis 1: asked for what it sends, it says so."""
+    """Told to send axis 3, which it has not, it sends axis 1: asked for what it sends, it says
+    so."""
     answer = struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 1)
     samples = qudis(answer + tell(0, (5, 0)), axis=3)
     assert samples.flags.tolist() == [Flag.DEVICE_ERROR]
@@ -184,7 +225,10 @@ def test_a_qudis_that_goes_on_with_another_axis_gives_no_reading_of_it():
 
 
 def test_the_greeting_of_a_qudis_switches_one_channel_on():
-    words = [struct.unpack_from("<4i", QudisDecoder(QudisSettings(axis=3)).greeting, at) for at in range(0, 16 * 24, 24)]
+    words = [
+        struct.unpack_from("<4i", QudisDecoder(QudisSettings(axis=3)).greeting, at)
+        for at in range(0, 16 * 24, 24)
+    ]
     assert {(opcode, address) for _, opcode, address, _ in words} == {(0, 0x30)}
     rest = QudisDecoder(QudisSettings(axis=3)).greeting[16 * 24 :]
     assert struct.pack("<2i", 0, 5) in rest
@@ -194,11 +238,13 @@ def test_the_greeting_of_a_qudis_switches_one_channel_on():
 @pytest.mark.parametrize(
     ("make", "field"),
     [
-        (lambda: Ids3010Settings(axis=4), "laser.ids3010.axis"), (lambda: Ids3010Settings(poll_hz=500), "laser.ids3010.poll_hz"),
-        (lambda: LasertexSettings(level_full=0), "laser.lasertex.level_full"), (lambda: QudisSettings(average=17), "laser.qudis.average"),
+        (lambda: Ids3010Settings(axis=4), "laser.ids3010.axis"),
+        (lambda: Ids3010Settings(poll_hz=500), "laser.ids3010.poll_hz"),
+        (lambda: LasertexSettings(level_full=0), "laser.lasertex.level_full"),
+        (lambda: QudisSettings(average=17), "laser.qudis.average"),
         (lambda: QudisSettings(sign=0), "laser.sign"),
     ],
-)  # fmt: skip
+)
 def test_settings_that_cannot_be_meant_are_refused_by_name(make, field):
     with pytest.raises(UsageError, match=field):
         make()
@@ -207,17 +253,36 @@ def test_settings_that_cannot_be_meant_are_refused_by_name(make, field):
 @pytest.mark.parametrize(
     ("name", "heard"),
     [
-        ("lasertex", distance(1)[5:] + distance(2) + distance(3)), ("qudis", tell(0, (1, 0), (2, 0)) + tell(2, (3, 0))),
-        ("ids3010", ids(1, 0, 5, 6, 7) * 2), ("umd", b"20000 20000 5 0 3 1 0 0\r\n20000 20000 5 0 3 2 0 0\r\n20000 20000 5 0 3 3 0 0\r\n"),
-        ("nd", b"\x02+000010000\r\n\x02+000010001\r\n"), ("", b"$GPGGA,1,2*33\r\n" * 9), ("", bytes(range(256)) * 9), ("", b""),
+        ("lasertex", distance(1)[5:] + distance(2) + distance(3)),
+        ("qudis", tell(0, (1, 0), (2, 0)) + tell(2, (3, 0))),
+        ("ids3010", ids(1, 0, 5, 6, 7) * 2),
+        (
+            "umd",
+            b"20000 20000 5 0 3 1 0 0\r\n20000 20000 5 0 3 2 0 0\r\n20000 20000 5 0 3 3 0 0\r\n",
+        ),
+        ("nd", b"\x02+000010000\r\n\x02+000010001\r\n"),
+        ("", b"$GPGGA,1,2*33\r\n" * 9),
+        ("", bytes(range(256)) * 9),
+        ("", b""),
     ],
-)  # fmt: skip
+)
 def test_an_instrument_is_recognised_by_what_it_says(name, heard):
     assert recognise(heard) == name
 
 
-IDS_ANSWERS = [ids(1, 0, 1, 2, 3), ids(2, 0, 700, 1), ids(4, 0, 990.5), ids(1, 2, 1, 1, 1), b"{}\r\n", b"\r\n"]
-TELLS = st.builds(tell, st.integers(-(2**31), 2**31 - 1), st.tuples(st.integers(-(2**47), 2**47 - 1), st.integers(0, 16383)))
+IDS_ANSWERS = [
+    ids(1, 0, 1, 2, 3),
+    ids(2, 0, 700, 1),
+    ids(4, 0, 990.5),
+    ids(1, 2, 1, 1, 1),
+    b"{}\r\n",
+    b"\r\n",
+]
+TELLS = st.builds(
+    tell,
+    st.integers(-(2**31), 2**31 - 1),
+    st.tuples(st.integers(-(2**47), 2**47 - 1), st.integers(0, 16383)),
+)
 WILD = st.binary(max_size=40)
 STEPS = st.integers(-(2**55), 2**55 - 1)
 BYTE = st.integers(0, 255)
@@ -232,7 +297,9 @@ class TestIds3010(DecoderContract):
 
 class TestLasertex(DecoderContract):
     streams = st.lists(
-        st.builds(distance, STEPS, BYTE, BYTE, BYTE) | st.sampled_from([command(0xB032), lasertex_frame(0xB00A, b"\1\2"), b"\xaa"]) | WILD,
+        st.builds(distance, STEPS, BYTE, BYTE, BYTE)
+        | st.sampled_from([command(0xB032), lasertex_frame(0xB00A, b"\1\2"), b"\xaa"])
+        | WILD,
         max_size=15,
     ).map(b"".join)
 
@@ -241,7 +308,9 @@ class TestLasertex(DecoderContract):
 
 
 class TestQudis(DecoderContract):
-    streams = st.lists(TELLS | st.sampled_from([state(0), state(1)]) | WILD, max_size=15).map(b"".join)
+    streams = st.lists(TELLS | st.sampled_from([state(0), state(1)]) | WILD, max_size=15).map(
+        b"".join
+    )
 
     def make(self):
         return QudisDecoder(QudisSettings())

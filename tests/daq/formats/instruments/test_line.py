@@ -25,15 +25,23 @@ def test_named_groups_say_where_the_numbers_stand():
     assert not samples.flags.any()
 
 
-@pytest.mark.parametrize(("unit", "mm"), [("mm", 1.0), ("um", 1e-3), ("nm", 1e-6), ("inch", 25.4), ("counts", 632.991e-6 / 2)])
+@pytest.mark.parametrize(
+    ("unit", "mm"),
+    [("mm", 1.0), ("um", 1e-3), ("nm", 1e-6), ("inch", 25.4), ("counts", 632.991e-6 / 2)],
+)
 def test_every_unit_becomes_mm(unit, mm):
     samples = decode(b"P=100 N=1 S=1\n", unit=unit, scale=2.0, sign=-1)
     assert samples.position_mm[0] == pytest.approx(-200 * mm)
 
 
-@pytest.mark.parametrize(("text", "value"), [("1", 1.0), (".5", 0.5), ("-3.", -3.0), ("+2.5e-3", 0.0025), ("- 1.25", -1.25), ("  7 ", 7.0)])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1", 1.0), (".5", 0.5), ("-3.", -3.0), ("+2.5e-3", 0.0025), ("- 1.25", -1.25), ("  7 ", 7.0)],
+)
 def test_numbers_are_read_as_instruments_write_them(text, value):
-    assert decode(text.encode() + b"\n", pattern="(?P<position>.*)").position_mm[0] == pytest.approx(value)
+    assert decode(text.encode() + b"\n", pattern="(?P<position>.*)").position_mm[
+        0
+    ] == pytest.approx(value)
 
 
 @pytest.mark.parametrize("text", ["ERR", "", "nan", "1_0", "1.2.3", "0x10"])
@@ -44,17 +52,29 @@ def test_a_position_that_is_no_number_is_a_sample_that_cannot_be_used(text):
 
 
 @pytest.mark.parametrize(
-    ("counts", "modulus"), [((65535, 0, 1), 65536), ((32767, -32768, -32767), 65536), ((255, 0, 1), 256), ((9, 10, 11), None)]
+    ("counts", "modulus"),
+    [
+        ((65535, 0, 1), 65536),
+        ((32767, -32768, -32767), 65536),
+        ((255, 0, 1), 256),
+        ((9, 10, 11), None),
+    ],
 )
 def test_a_counter_wraps_at_its_modulus_signed_or_not(counts, modulus):
-    samples = decode(b"".join(b"P=1 N=%d S=1\n" % count for count in counts), counter_modulus=modulus)
+    samples = decode(
+        b"".join(b"P=1 N=%d S=1\n" % count for count in counts), counter_modulus=modulus
+    )
     assert np.diff(samples.counter).tolist() == [1, 1]
     assert not samples.notices
 
 
 def test_gaps_duplicates_and_restarts_of_the_counter_are_told():
     samples = decode(b"".join(b"P=1 N=%d S=1\n" % count for count in (40000, 40003, 40003, 0)))
-    assert [(notice.code, notice.index) for notice in samples.notices] == [("gap", 1), ("duplicate", 2), ("restart", 2)]
+    assert [(notice.code, notice.index) for notice in samples.notices] == [
+        ("gap", 1),
+        ("duplicate", 2),
+        ("restart", 2),
+    ]
     assert len(samples) == 3
 
 
@@ -66,7 +86,11 @@ def test_without_a_counter_the_lines_are_numbered():
 
 
 def test_the_beam_is_a_share_of_the_full_one_and_judged():
-    samples = decode(b"".join(b"P=1 N=%d S=%d\n" % (n, beam) for n, beam in enumerate([40, 20, 9, 999])), beam_full=50, beam_threshold=0.3)
+    samples = decode(
+        b"".join(b"P=1 N=%d S=%d\n" % (n, beam) for n, beam in enumerate([40, 20, 9, 999])),
+        beam_full=50,
+        beam_threshold=0.3,
+    )
     assert samples.beam.tolist() == pytest.approx([0.8, 0.4, 0.18, 1.0])
     assert samples.flags.tolist() == [0, Flag.WEAK_BEAM, Flag.BEAM_LOST, 0]
 
@@ -126,7 +150,9 @@ ROWS = st.builds(
     st.integers(-5, 70000) | st.just("x"),
     st.floats(0, 1.5),
 ).map(str.encode)
-STREAMS = st.lists(ROWS | st.binary(max_size=20) | st.just(b"\n") | st.just(b"9" * (LINE_CAP + 2)), max_size=8).map(b"".join)
+STREAMS = st.lists(
+    ROWS | st.binary(max_size=20) | st.just(b"\n") | st.just(b"9" * (LINE_CAP + 2)), max_size=8
+).map(b"".join)
 
 
 class TestLine(SteadyDecoderContract):
@@ -143,7 +169,11 @@ class TestLineWithoutCounter(SteadyDecoderContract):
     streams = STREAMS
 
     def make(self):
-        return LineDecoder(LineSettings(pattern=r"P=(?P<position>\S*) N=\S+ S=(?P<beam>\S+)", terminator="\r", beam_full=0.5))
+        return LineDecoder(
+            LineSettings(
+                pattern=r"P=(?P<position>\S*) N=\S+ S=(?P<beam>\S+)", terminator="\r", beam_full=0.5
+            )
+        )
 
     def plain(self, number):
         return b"P=%.6f N=1 S=0.4\n\r" % (number / 7)
@@ -151,17 +181,24 @@ class TestLineWithoutCounter(SteadyDecoderContract):
     def test_plain_samples_are_really_taken_at_once(self):
         """Every line is the next one: none can be missing."""
         stream = b"".join(self.plain(number) for number in range(80))
-        _, at_once = fed_together(self.make(), [(stream[at : at + 17], at) for at in range(0, len(stream), 17)], 5)
+        _, at_once = fed_together(
+            self.make(), [(stream[at : at + 17], at) for at in range(0, len(stream), 17)], 5
+        )
         assert at_once > 5
 
 
-EVIL = (r"(?P<position>([0-9]+)+),x", r"((a|aa)+)(?P<position>.*)x", r"(?P<position>([0-9.]*)*),(.*)*=")
+EVIL = (
+    r"(?P<position>([0-9]+)+),x",
+    r"((a|aa)+)(?P<position>.*)x",
+    r"(?P<position>([0-9.]*)*),(.*)*=",
+)
 
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("pattern", EVIL)
 def test_a_line_that_lost_a_comma_costs_no_time(pattern: str) -> None:
-    """Each of these takes a backtracking engine longer than the sun will shine; a thousand such lines are read here."""
+    """Each of these takes a backtracking engine longer than the sun will shine; a thousand such
+    lines are read here."""
     decoder = LineDecoder(LineSettings(pattern=pattern))
     samples = decoder.feed(b"\n" + (b"a1" * 1000 + b"1" * 2000 + b"\n") * 1000, 1)
     assert len(samples.position_mm) == 0
@@ -169,9 +206,20 @@ def test_a_line_that_lost_a_comma_costs_no_time(pattern: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "pattern", [r"(?P<position>\d+)(?=x)", r"(?P<position>(\d)\1)", "(?P<position>((x{900}){900}){900})", "(?P<position>[0-9"]
+    "pattern",
+    [
+        r"(?P<position>\d+)(?=x)",
+        r"(?P<position>(\d)\1)",
+        "(?P<position>((x{900}){900}){900})",
+        "(?P<position>[0-9",
+    ],
 )
-def test_what_cannot_be_held_in_linear_time_is_refused_when_the_survey_is_read(pattern: str) -> None:
+def test_what_cannot_be_held_in_linear_time_is_refused_when_the_survey_is_read(
+    pattern: str,
+) -> None:
     """With the reason, and with what to do about the log of an older survey."""
-    with pytest.raises(UsageError, match=r"laser\.line\.pattern: expected a regular expression of RE2.*replay --survey FILE"):
+    with pytest.raises(
+        UsageError,
+        match=r"laser\.line\.pattern: expected a regular expression of RE2.*replay --survey FILE",
+    ):
         LineSettings(pattern=pattern)

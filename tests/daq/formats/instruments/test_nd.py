@@ -1,4 +1,5 @@
-"""`nd`: Heidenhain position displays, by the strings of their manuals (reference: instruments 1.B)."""
+"""`nd`: Heidenhain position displays, by the strings of their manuals (reference: instruments
+1.B)."""
 
 import numpy as np
 import pytest
@@ -21,16 +22,22 @@ def decode(data, **told):
 def test_the_current_value_is_nine_digits_of_the_configured_step():
     samples = decode(CURRENT)
     assert samples.position_mm[0] == pytest.approx(12345.6789)
-    assert decode(CURRENT, resolution_mm=0.00001, sign=-1).position_mm[0] == pytest.approx(-1234.56789)
+    assert decode(CURRENT, resolution_mm=0.00001, sign=-1).position_mm[0] == pytest.approx(
+        -1234.56789
+    )
     assert samples.arrival_ns.tolist() == [5]
 
 
 def test_the_displayed_value_has_a_point_and_a_unit():
     assert decode(DISPLAYED, value="displayed").position_mm[0] == pytest.approx(-12345.6789)
-    assert decode(b"\x02+1.5\r\n", value="displayed", unit="inch").position_mm[0] == pytest.approx(38.1)
+    assert decode(b"\x02+1.5\r\n", value="displayed", unit="inch").position_mm[0] == pytest.approx(
+        38.1
+    )
 
 
-@pytest.mark.parametrize(("value", "request_"), [("current", b"\x1bA0200\r"), ("displayed", b"\x1bA0100\r")])
+@pytest.mark.parametrize(
+    ("value", "request_"), [("current", b"\x1bA0200\r"), ("displayed", b"\x1bA0100\r")]
+)
 def test_the_request_is_that_of_the_manual(value, request_):
     decoder = NdDecoder(NdSettings(value=value, poll_hz=10))
     assert decoder.request == request_
@@ -75,7 +82,11 @@ def test_what_is_outside_of_an_answer_is_garbage():
 
 @pytest.mark.parametrize(
     ("changes", "field"),
-    [({"axis": 0}, "laser.nd.axis"), ({"resolution_mm": 0}, "laser.nd.resolution_mm"), ({"poll_hz": 0}, "laser.nd.poll_hz")],
+    [
+        ({"axis": 0}, "laser.nd.axis"),
+        ({"resolution_mm": 0}, "laser.nd.resolution_mm"),
+        ({"poll_hz": 0}, "laser.nd.poll_hz"),
+    ],
 )
 def test_settings_that_cannot_be_meant_are_refused_by_name(changes, field):
     with pytest.raises(UsageError, match=field):
@@ -83,7 +94,9 @@ def test_settings_that_cannot_be_meant_are_refused_by_name(changes, field):
 
 
 STREAMS = st.lists(
-    st.sampled_from([CURRENT, DISPLAYED, b"\x15", b"\x06", b"\x02", b"\r\n", b"+000001234\r\n"]) | st.binary(max_size=300), max_size=15
+    st.sampled_from([CURRENT, DISPLAYED, b"\x15", b"\x06", b"\x02", b"\r\n", b"+000001234\r\n"])
+    | st.binary(max_size=300),
+    max_size=15,
 ).map(b"".join)
 
 

@@ -56,7 +56,8 @@ def settings(server, timeout_s=60.0):
 
 
 def ask(server, ranges, work=None, timeout_s=60.0):
-    """Open a link, read one block (or do ``work`` with the link), close it; nothing is left running."""
+    """Open a link, read one block (or do ``work`` with the link), close it; nothing is left
+    running."""
 
     async def run():
         link = await open_link(settings(server, timeout_s), ranges)
@@ -86,7 +87,8 @@ def test_one_block_is_one_request_and_its_registers_are_the_wire_bytes(serve):
 
 
 def test_every_table_has_its_function_code_and_bits_keep_their_order(serve):
-    """Modbus Application Protocol V1.1b3, 6.1: the first coil is the least significant bit of the first byte."""
+    """Modbus Application Protocol V1.1b3, 6.1: the first coil is the least significant bit of the
+    first byte."""
     bits = bytes.fromhex("cd6b05")
     asked = []
 
@@ -94,7 +96,12 @@ def test_every_table_has_its_function_code_and_bits_keep_their_order(serve):
         asked.append(pdu[0])
         return bytes([pdu[0]]) + (b"\x03" + bits if pdu[0] < 3 else registers(9))
 
-    ranges = [ReadRange("coil", 19, 19), ReadRange("discrete", 0, 19), ReadRange("holding", 5, 1), ReadRange("input", 6, 1)]
+    ranges = [
+        ReadRange("coil", 19, 19),
+        ReadRange("discrete", 0, 19),
+        ReadRange("holding", 5, 1),
+        ReadRange("input", 6, 1),
+    ]
     block = ask(serve(answer), ranges)
     assert asked == [1, 2, 3, 4]
     assert block.data == (bits, bits, b"\x00\x09", b"\x00\x09")
@@ -118,7 +125,11 @@ def test_a_refused_range_is_told_and_the_others_are_read(serve):
     ("code", "kind", "words"),
     [
         (1, RefusedRequestError, "illegal function.*holding registers only"),
-        (2, RefusedRequestError, "reading 3 of table holding from 0.*illegal data address.*register map"),
+        (
+            2,
+            RefusedRequestError,
+            "reading 3 of table holding from 0.*illegal data address.*register map",
+        ),
         (3, RefusedRequestError, "illegal data value"),
         (4, RefusedRequestError, r"device failure.*plc\.unit"),
         (10, WrongUnitError, r"gateway.*plc\.unit"),
@@ -134,11 +145,17 @@ def test_an_exception_reply_says_what_to_do(serve, code, kind, words):
 def test_a_silent_device_is_told_from_an_absent_one(serve):
     asked = []
     server = serve(asked.append)
-    with pytest.raises(SilentDeviceError, match=r"an answer within 0.1 s, found silence.*program runs, and the unit id"):
+    with pytest.raises(
+        SilentDeviceError,
+        match=r"an answer within 0.1 s, found silence.*program runs, and the unit id",
+    ):
         ask(server, [BLOCK], timeout_s=0.1)
     assert len(asked) == 1, "silence is told at once, not asked for again"
     server.stop()
-    with pytest.raises(LostConnectionError, match=r"Connection refused; .*nothing listens on this port: check plc.port"):
+    with pytest.raises(
+        LostConnectionError,
+        match=r"Connection refused; .*nothing listens on this port: check plc.port",
+    ):
         ask(server, [BLOCK])
     server.start()
 
@@ -171,10 +188,15 @@ def test_an_answer_of_another_length_is_not_believed(serve):
         ask(serve(lambda pdu: b"\x03" + registers(1, 2)), [BLOCK])
 
 
-@hypothesis.settings(max_examples=20, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture])
-@hypothesis.given(pdu=st.one_of(st.binary(max_size=12), st.binary(max_size=10).map(lambda data: b"\x03" + data)))
+@hypothesis.settings(
+    max_examples=20, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture]
+)
+@hypothesis.given(
+    pdu=st.one_of(st.binary(max_size=12), st.binary(max_size=10).map(lambda data: b"\x03" + data))
+)
 def test_whoever_answers_can_say_registers_or_cost_the_connection(serve, pdu):
-    """Bytes that are no answer are silence, a late answer, a refusal or a lost line: never anything that ends the poller."""
+    """Bytes that are no answer are silence, a late answer, a refusal or a lost line: never anything
+    that ends the poller."""
     try:
         block = ask(serve(lambda _: pdu), [BLOCK], timeout_s=0.05)
     except DeviceError:
@@ -183,9 +205,14 @@ def test_whoever_answers_can_say_registers_or_cost_the_connection(serve, pdu):
     assert block.data == (pdu[2:8],)
 
 
-@pytest.mark.parametrize("value", [0xABCD, 0xABCD - 0x10000, 0x1ABCD], ids=["uint16", "int16 after its wrap", "uint32 beyond 16 bits"])
+@pytest.mark.parametrize(
+    "value",
+    [0xABCD, 0xABCD - 0x10000, 0x1ABCD],
+    ids=["uint16", "int16 after its wrap", "uint32 beyond 16 bits"],
+)
 def test_the_handshake_writes_one_register_with_function_10h(serve, value):
-    """Controls such as FANUC serve 03h, 10h and 17h only (B-64414EN). A register holds 16 bits, whatever the stop count came in."""
+    """Controls such as FANUC serve 03h, 10h and 17h only (B-64414EN). A register holds 16 bits,
+    whatever the stop count came in."""
     asked = []
 
     def answer(pdu):
@@ -251,7 +278,11 @@ def test_polls_keep_their_beat_and_are_never_queued(serve):
     blocks, states, _ = poll_for(serve(answer), until_more(15))
     assert states == ["connecting", "connected"]
     steps = [round((b.send_ns - a.send_ns) / 20e6) for a, b in pairwise(blocks)]
-    assert min(steps) >= 2  # 30 ms an answer: never more often than every second beat of 20 ms, on a busy computer less often
+    assert (
+        min(steps) >= 2
+        # 30 ms an answer: never more often than every second beat of 20 ms, on a busy computer less
+        # often
+    )
     assert all(a.recv_ns <= b.send_ns for a, b in pairwise(blocks))
 
 
@@ -289,7 +320,8 @@ def test_a_server_that_comes_back_is_polled_again(serve):
         server.start()
         wait_until(lambda: len(blocks) > heard)
 
-    # a connection that ends while an answer is due is only found lost when the answer has had its time
+    # a connection that ends while an answer is due is only found lost when the answer has had its
+    # time
     _, states, _ = poll_for(server, during, timeout_s=5.0)
     assert states == ["connecting", "connected", "lost", "connected"]
 
@@ -297,7 +329,9 @@ def test_a_server_that_comes_back_is_polled_again(serve):
 def test_a_device_that_refuses_everything_is_asked_again(serve, monkeypatch):
     monkeypatch.setattr(poller, "REFUSED_WAIT_S", 0.05)
     starting = iter([True] * 3)
-    server = serve(lambda pdu: b"\x83\x06" if next(starting, False) else b"\x03" + registers(1, 2, 3))
+    server = serve(
+        lambda pdu: b"\x83\x06" if next(starting, False) else b"\x03" + registers(1, 2, 3)
+    )
     blocks, states, _ = poll_for(server, until_more(1))
     assert states == ["connecting", "silent", "connected"]
     assert blocks
@@ -326,7 +360,8 @@ def test_a_handshake_waits_for_the_connection_and_a_refused_one_does_not_stop_th
 
 
 def test_a_handshake_does_not_wait_for_the_next_poll(serve):
-    """The machine stands idle until it is written; polls an hour apart do not hold it up, nor come sooner for it."""
+    """The machine stands idle until it is written; polls an hour apart do not hold it up, nor come
+    sooner for it."""
     written, blocks = threading.Event(), []
 
     def answer(pdu):
@@ -351,7 +386,8 @@ def test_a_handshake_does_not_wait_for_the_next_poll(serve):
 
 
 def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypatch):
-    """`asyncio.wait_for` of Python 3.11 returns the answer that came together with the cancellation, which is then lost."""
+    """`asyncio.wait_for` of Python 3.11 returns the answer that came together with the
+    cancellation, which is then lost."""
     whole = ModbusLink.read
     answered = []
 
@@ -363,7 +399,9 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
         return block
 
     monkeypatch.setattr(ModbusLink, "read", read)
-    machine = MachinePoller(settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))), [BLOCK], 0.02, lambda block: None)
+    machine = MachinePoller(
+        settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))), [BLOCK], 0.02, lambda block: None
+    )
 
     async def run():
         task = asyncio.create_task(Reconnector("machine", machine.session, lambda *_: None).run())
@@ -376,9 +414,13 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
 
 
 def test_a_name_server_that_never_answers_is_given_up(monkeypatch):
-    """The library gave up already; who asks the network once more, for the reason, does not wait for ever either."""
+    """The library gave up already; who asks the network once more, for the reason, does not wait
+    for ever either."""
     answered = threading.Event()
-    monkeypatch.setattr("stepdiag.daq.links.controls.modbus.socket.create_connection", lambda *_: answered.wait(60.0))
+    monkeypatch.setattr(
+        "stepdiag.daq.links.controls.modbus.socket.create_connection",
+        lambda *_: answered.wait(60.0),
+    )
     place = TcpSettings(host="no-such-control.invalid", port=1, connect_s=0.1)
     try:
         with pytest.raises(LostConnectionError, match=r"found silence for 0\.1 s"):

@@ -15,7 +15,8 @@ REFUSED = "Read operation failed: Object does not exist (0x0a)"
 
 
 class Control:
-    """The library's client with a control behind it; ``refuses`` names data blocks. ``asked`` are the times of single questions."""
+    """The library's client with a control behind it; ``refuses`` names data blocks. ``asked`` are
+    the times of single questions."""
 
     def __init__(self, refuses=()):
         self.refuses, self.now_s, self.asked = set(refuses), 0.0, []
@@ -39,7 +40,13 @@ def polled():
 
     def make(control):
         waiters.append(Waiter("test", lambda: None, lambda: None))
-        link = S7Link(S7Settings(host="nowhere"), [PROGRAM, AXIS], control, waiters[-1], clock=lambda: control.now_s)
+        link = S7Link(
+            S7Settings(host="nowhere"),
+            [PROGRAM, AXIS],
+            control,
+            waiters[-1],
+            clock=lambda: control.now_s,
+        )
 
         def poll(seconds):
             end_s, got = control.now_s + seconds, []

@@ -1,4 +1,5 @@
-"""Lines on the network over real sockets: the same chunks and stamps as a serial port, lost, silent and back again."""
+"""Lines on the network over real sockets: the same chunks and stamps as a serial port, lost, silent
+and back again."""
 
 import asyncio
 import socket
@@ -50,7 +51,8 @@ def refusal(name):
 
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
 def test_every_byte_arrives_in_order_with_a_stamp_of_the_moment_both_ways(pty, scheme):
-    """All 256 values, the escape byte of Telnet among them; what is written arrives as it was written."""
+    """All 256 values, the escape byte of Telnet among them; what is written arrives as it was
+    written."""
     chunks, sent = [], [bytes(range(256)) * 2, b"\xff" * 300, bytes([255, 240, 250, 44]) * 40]
 
     def heard():
@@ -79,14 +81,18 @@ def test_a_terminal_server_that_restarts_is_found_again(pty):
 
     async def run():
         with terminal_server(pty.name, "socket", port) as name:
-            keeping = Reconnector("laser", stream_of(name, chunks).session, lambda state, *_: states.append(state))
+            keeping = Reconnector(
+                "laser", stream_of(name, chunks).session, lambda state, *_: states.append(state)
+            )
             task = asyncio.create_task(keeping.run())
             await asyncio.to_thread(wait_until, lambda: "connected" in states)
         await asyncio.to_thread(wait_until, lambda: "lost" in states)
         with socket.create_server(("127.0.0.1", port)) as listener:
             guest, _ = await asyncio.to_thread(listener.accept)
             guest.sendall(b"here again")
-            await asyncio.to_thread(wait_until, lambda: b"here again" in b"".join(data for data, _ in chunks))
+            await asyncio.to_thread(
+                wait_until, lambda: b"here again" in b"".join(data for data, _ in chunks)
+            )
             guest.close()
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -106,7 +112,12 @@ def test_an_instrument_behind_a_terminal_server_is_asked_and_answers(pty, monkey
             wait_until(lambda number=number: len(chunks) > number)
 
     with terminal_server(pty.name, "socket") as name:
-        line = PolledSerial(SerialSettings(port=name), lambda *chunk: chunks.append(chunk), request=b"?", interval_s=0.01)
+        line = PolledSerial(
+            SerialSettings(port=name),
+            lambda *chunk: chunks.append(chunk),
+            request=b"?",
+            interval_s=0.01,
+        )
         asyncio.run(while_running(line.session, work))
     assert [data for data, _ in chunks][:3] == [b"0\r", b"1\r", b"2\r"]
 
@@ -125,7 +136,12 @@ def test_several_things_are_asked_for_at_their_own_pace(pty):
         wait_until(answered)
 
     line = PolledSerial(
-        SerialSettings(port=pty.name), lambda *_: None, request=b"r;", interval_s=0.01, others=[(b"a;", 0.2)], greeting=b"hello;"
+        SerialSettings(port=pty.name),
+        lambda *_: None,
+        request=b"r;",
+        interval_s=0.01,
+        others=[(b"a;", 0.2)],
+        greeting=b"hello;",
     )
     asyncio.run(while_running(line.session, work))
     assert heard[0] == b"hello"
@@ -134,8 +150,13 @@ def test_several_things_are_asked_for_at_their_own_pace(pty):
 
 def test_a_closed_port_an_unknown_name_and_silence_are_told_apart(monkeypatch):
     port = reserved_port()
-    assert "found Connection refused; the host is there and nothing listens on this port" in refusal(f"socket://127.0.0.1:{port}")
-    assert "found no such name; check the name of the host" in refusal("socket://no-such-host.invalid:4001")
+    assert (
+        "found Connection refused; the host is there and nothing listens on this port"
+        in refusal(f"socket://127.0.0.1:{port}")
+    )
+    assert "found no such name; check the name of the host" in refusal(
+        "socket://no-such-host.invalid:4001"
+    )
     monkeypatch.setattr(network, "CONNECT_S", 0.3)
     with socket.socket() as deaf:
         deaf.bind(("127.0.0.1", 0))
@@ -148,7 +169,10 @@ def test_a_closed_port_an_unknown_name_and_silence_are_told_apart(monkeypatch):
         said = refusal(name)
         for each in full:
             each.close()
-    assert "found silence for 0.3 s; neither an answer nor a refusal: a wrong address, or a firewall" in said
+    assert (
+        "found silence for 0.3 s; neither an answer nor a refusal: a wrong address, or a firewall"
+        in said
+    )
 
 
 def test_a_server_of_plain_bytes_is_not_taken_for_one_that_speaks_rfc_2217(monkeypatch):
@@ -168,7 +192,10 @@ def test_a_server_of_plain_bytes_is_not_taken_for_one_that_speaks_rfc_2217(monke
                 said = refusal(name)
         if "found silence" not in said:
             break
-    assert "expected a terminal server that speaks RFC 2217, found bytes of something else (2b 30 30 30 2e" in said
+    assert (
+        "expected a terminal server that speaks RFC 2217, found bytes of something else (2b 30 "
+        "30 30 2e" in said
+    )
     assert "name it socket:// instead" in said
 
 
@@ -188,7 +215,8 @@ def test_no_thread_and_no_descriptor_is_left(pty):
 
 
 def test_a_line_that_never_falls_silent_is_no_instrument_that_is_asked(pty, monkeypatch):
-    """An answer came late, or never; what speaks on afterwards was thrown away for ever, and nobody heard of it."""
+    """An answer came late, or never; what speaks on afterwards was thrown away for ever, and nobody
+    heard of it."""
     monkeypatch.setattr(serial, "ANSWER_TIMEOUT_S", 0.5)
     monkeypatch.setattr(serial, "NEVER_SILENT_S", 0.2)
 
@@ -196,6 +224,18 @@ def test_a_line_that_never_falls_silent_is_no_instrument_that_is_asked(pty, monk
         while not ended.wait(0.02):
             pty.write(b"login: ")
 
-    line = PolledSerial(SerialSettings(port=pty.name), lambda *_: None, request=b"?", interval_s=0.01, greeting=b"hello")
-    with running(speaks), pytest.raises(DeviceError, match="expected a line that falls silent where nothing is asked, found one that"):
+    line = PolledSerial(
+        SerialSettings(port=pty.name),
+        lambda *_: None,
+        request=b"?",
+        interval_s=0.01,
+        greeting=b"hello",
+    )
+    with (
+        running(speaks),
+        pytest.raises(
+            DeviceError,
+            match="expected a line that falls silent where nothing is asked, found one that",
+        ),
+    ):
         asyncio.run(asyncio.wait_for(line.session(lambda *_: None), 60.0))

@@ -13,7 +13,9 @@ def test_what_is_new_is_said_once():
     assert losses.news({}, 0.0) == ()
     assert losses.news({"lost-framing": 3}, 1.0) == framing(3)
     assert losses.news({"lost-framing": 3}, 1.0 + EVERY_S) == ()
-    assert losses.news({"lost-framing": 3, "lost-parity": 2}, 5.0 + EVERY_S) == (message("lost-parity", count=2),)
+    assert losses.news({"lost-framing": 3, "lost-parity": 2}, 5.0 + EVERY_S) == (
+        message("lost-parity", count=2),
+    )
 
 
 def test_steady_errors_are_said_once_a_minute_and_none_of_them_is_left_out():

@@ -68,13 +68,26 @@ def test_ports_are_named_by_scheme_host_and_port():
     assert network_line("/dev/ttyUSB0") is None
     assert network_line("COM3") is None
     assert network_line("socket://10.0.0.7:4001") == NetworkLine("socket", "10.0.0.7", 4001)
-    assert network_line("RFC2217://moxa-1.hall.example:7/") == NetworkLine("rfc2217", "moxa-1.hall.example", 7)
+    assert network_line("RFC2217://moxa-1.hall.example:7/") == NetworkLine(
+        "rfc2217", "moxa-1.hall.example", 7
+    )
     assert network_line("socket://[fe80::1%eth0]:1") == NetworkLine("socket", "fe80::1%eth0", 1)
 
 
 @pytest.mark.parametrize(
-    "name", ["telnet://a:1", "socket://a", "socket://a:0", "socket://a:70000", "socket://:1", "socket://a b:1", "socket://"]
+    "name",
+    [
+        "telnet://a:1",
+        "socket://a",
+        "socket://a:0",
+        "socket://a:70000",
+        "socket://:1",
+        "socket://a b:1",
+        "socket://",
+    ],
 )
 def test_a_name_that_is_none_is_refused(name):
-    with pytest.raises(UsageError, match=r"survey: laser\.port: expected a serial port, socket://host:port"):
+    with pytest.raises(
+        UsageError, match=r"survey: laser\.port: expected a serial port, socket://host:port"
+    ):
         network_line(name, "survey: laser.port")

@@ -1,4 +1,5 @@
-"""Serial links over real ptys: nothing lost, stamped where it is read, no thread that ends unseen."""
+"""Serial links over real ptys: nothing lost, stamped where it is read, no thread that ends
+unseen."""
 
 import asyncio
 import struct
@@ -39,7 +40,8 @@ class States(list):
 
 
 async def while_running(session, work, states):
-    """Run ``work`` in a thread while the session runs, then cancel the session as the daemon does."""
+    """Run ``work`` in a thread while the session runs, then cancel the session as the daemon
+    does."""
     task = asyncio.create_task(session(states))
     try:
         await asyncio.to_thread(work)
@@ -61,22 +63,30 @@ def test_every_byte_arrives_in_order_with_a_stamp_of_the_moment(pty):
         for block in sent:
             before_ns = now_ns()
             pty.write(block)
-            wait_until(lambda whole=100 * (block[0] + 1): sum(len(data) for data, _ in chunks) == whole)
+            wait_until(
+                lambda whole=100 * (block[0] + 1): sum(len(data) for data, _ in chunks) == whole
+            )
             assert before_ns - 1000 <= chunks[-1][1] <= now_ns()
 
-    asyncio.run(while_running(SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session, work, states))
+    asyncio.run(
+        while_running(
+            SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session, work, states
+        )
+    )
     assert b"".join(data for data, _ in chunks) == b"".join(sent)
     assert all(arrival_ns % 1000 == 0 for _, arrival_ns in chunks)
     assert not serial_threads()
 
 
 def assert_gathered(handed_ns):
-    """Two chunks are about as far apart as what is gathered into one, however slowly a busy computer lets the bytes come."""
+    """Two chunks are about as far apart as what is gathered into one, however slowly a busy
+    computer lets the bytes come."""
     assert len(handed_ns) <= 2 + (handed_ns[-1] - handed_ns[0]) / 1e9 / (serial.GATHER_S / 2)
 
 
 def test_a_chunk_is_what_came_within_two_hundredths_of_a_second_stamped_by_its_last_line(pty):
-    """500 lines a second, each holding the moment it was written: few chunks, each stamped between its last line and its handing over."""
+    """500 lines a second, each holding the moment it was written: few chunks, each stamped between
+    its last line and its handing over."""
     chunks, states, handed_ns = [], States(), []
 
     def take(data, arrival_ns):
@@ -128,12 +138,15 @@ def test_a_busy_line_is_read_whole_and_its_silence_and_its_end_are_seen(pty):
     with pytest.raises(DeviceError, match="it is gone"):
         asyncio.run(serve())
     assert b"".join(data for data, _ in chunks) == block * 256 + b"last"
-    assert len(chunks) < 200 or len(handed_ns) <= (handed_ns[-1] - handed_ns[0]) / 1e9 / (serial.GATHER_S / 2)
+    assert len(chunks) < 200 or len(handed_ns) <= (handed_ns[-1] - handed_ns[0]) / 1e9 / (
+        serial.GATHER_S / 2
+    )
     assert not serial_threads()
 
 
 def test_who_is_in_a_hurry_gets_what_is_there(pty, monkeypatch):
-    """Between two chunks the reader sleeps, here for an hour; it hands over at once what somebody waits for."""
+    """Between two chunks the reader sleeps, here for an hour; it hands over at once what somebody
+    waits for."""
     monkeypatch.setattr(serial, "GATHER_S", 3600.0)
     chunks, states = [], States()
     stream = SerialStream(settings(pty), lambda *chunk: chunks.append(chunk))
@@ -158,7 +171,8 @@ def test_who_is_in_a_hurry_gets_what_is_there(pty, monkeypatch):
 
 
 def test_a_busy_line_is_handed_over_too_when_somebody_is_in_a_hurry(pty, monkeypatch):
-    """The line is read without listening to the bell, and here a chunk lasts for an hour or until a silence, which does not come."""
+    """The line is read without listening to the bell, and here a chunk lasts for an hour or until a
+    silence, which does not come."""
     monkeypatch.setattr(serial, "GATHER_S", 3600.0)
     monkeypatch.setattr(serial, "LARGEST_CHUNK", 1 << 40)
     chunks, states, block = [], States(), bytes(4096)
@@ -187,20 +201,30 @@ def test_cancelling_ends_the_thread_by_itself(pty, monkeypatch):
     """Not by giving it up as one that hangs: here that would take an hour."""
     monkeypatch.setattr(port_thread, "_END_TIMEOUT_S", 3600.0)
     states = States()
-    asyncio.run(while_running(SerialStream(settings(pty), lambda *_: None).session, lambda: wait_until(lambda: bool(states)), states))
+    asyncio.run(
+        while_running(
+            SerialStream(settings(pty), lambda *_: None).session,
+            lambda: wait_until(lambda: bool(states)),
+            states,
+        )
+    )
     assert not serial_threads()
 
 
 def test_a_port_that_is_not_there_is_refused_by_name(tmp_path):
     stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyNone")), lambda *_: None)
-    with pytest.raises(DeviceError, match=r"ttyNone: expected a port that opens, found No such file.*plugged in"):
+    with pytest.raises(
+        DeviceError, match=r"ttyNone: expected a port that opens, found No such file.*plugged in"
+    ):
         asyncio.run(stream.session(States()))
 
 
 def test_an_adapter_that_came_back_under_another_number_is_offered(tmp_path, monkeypatch):
     monkeypatch.setattr(tty, "present_ports", lambda: {"/dev/ttyUSB1": "FT232R"})
     stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyUSB0")), lambda *_: None)
-    with pytest.raises(DeviceError, match=r"ttyUSB0: .*this computer has /dev/ttyUSB1.*costs no pass"):
+    with pytest.raises(
+        DeviceError, match=r"ttyUSB0: .*this computer has /dev/ttyUSB1.*costs no pass"
+    ):
         asyncio.run(stream.session(States()))
 
 
@@ -214,7 +238,10 @@ def test_a_port_in_use_by_another_is_refused(pty):
 def test_a_port_that_does_not_take_the_settings_is_not_blamed_on_the_cable(pty):
     """A pty opens with a parity, and refuses it when it is set up once more."""
     stream = SerialStream(replace(settings(pty), parity="E"), lambda *_: None)
-    with pytest.raises(DeviceError, match=r"expected a port that takes these settings, found Invalid argument.*parity"):
+    with pytest.raises(
+        DeviceError,
+        match=r"expected a port that takes these settings, found Invalid argument.*parity",
+    ):
         asyncio.run(stream.session(States()))
 
 
@@ -315,19 +342,28 @@ class Display:
 
 
 def test_an_answer_is_stamped_with_the_middle_between_request_and_answer(monkeypatch):
-    """A display has no time of its own: the value was latched between the request and the first byte of the answer."""
+    """A display has no time of its own: the value was latched between the request and the first
+    byte of the answer."""
     chunks = []
-    polled = PolledSerial(SerialSettings(port="x"), lambda *chunk: chunks.append(chunk), request=b"\x1bA0200\r", interval_s=0.1)
+    polled = PolledSerial(
+        SerialSettings(port="x"),
+        lambda *chunk: chunks.append(chunk),
+        request=b"\x1bA0200\r",
+        interval_s=0.1,
+    )
     polled._poll(Display(monkeypatch, [b"\x02+00000", b"1234\r\n"]))
     assert chunks == [(b"\x02+00000", 1_031_000_000), (b"1234\r\n", 1_031_000_000)]
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next(monkeypatch):
-    """Nothing within the time allowed, then the late answer, then silence: only then does the next request go out."""
+    """Nothing within the time allowed, then the late answer, then silence: only then does the next
+    request go out."""
     chunks = []
     display = Display(monkeypatch, [b"", b"0001\n", b"", b"0002\n", b""])
     display.pause = lambda _seconds: setattr(display, "wanted", bool(display._answer))
-    polled = PolledSerial(SerialSettings(port="x"), lambda *chunk: chunks.append(chunk), request=b"?", interval_s=0.03)
+    polled = PolledSerial(
+        SerialSettings(port="x"), lambda *chunk: chunks.append(chunk), request=b"?", interval_s=0.03
+    )
     polled._poll(display)
     assert [data for data, _ in chunks] == [b"0002\n"]
 
@@ -342,11 +378,14 @@ def test_work_that_returns_ends_the_session_too(pty):
 
 @pytest.fixture
 def counts(monkeypatch):
-    """A driver that counts as a real one does (a pty has no such counters): frame 6, overrun 7, parity 8, break 9, buffer 10."""
+    """A driver that counts as a real one does (a pty has no such counters): frame 6, overrun 7,
+    parity 8, break 9, buffer 10."""
     told, ioctl = [0] * 20, tty.fcntl.ioctl
 
     def asked(line, request, *more):
-        return struct.pack("20i", *told) if request == tty.TIOCGICOUNT else ioctl(line, request, *more)
+        return (
+            struct.pack("20i", *told) if request == tty.TIOCGICOUNT else ioctl(line, request, *more)
+        )
 
     monkeypatch.setattr(tty.fcntl, "ioctl", asked)
     return told
@@ -402,7 +441,8 @@ def test_a_line_that_does_not_count_says_nothing_of_losses(pty):
 
 
 def test_nobody_waits_for_a_port_that_takes_long_to_close(pty, monkeypatch):
-    """A line that holds bytes nobody takes keeps a close waiting for half a minute; the event loop asks for losses meanwhile."""
+    """A line that holds bytes nobody takes keeps a close waiting for half a minute; the event loop
+    asks for losses meanwhile."""
     port, closing, go_on = OpenPort(settings(pty)), threading.Event(), threading.Event()
     close = port._device.close
 

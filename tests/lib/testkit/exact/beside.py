@@ -1,4 +1,5 @@
-"""Surveys of the exact machine whose stops lie beside their targets: rounded programs, scattering encoders, registers that flicker."""
+"""Surveys of the exact machine whose stops lie beside their targets: rounded programs, scattering
+encoders, registers that flicker."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,8 @@ from stepdiag.virtual.drive.setups import Alignment, aligned_setup
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 Program = Callable[[str, int, np.ndarray], np.ndarray]
-"""From setup, pass number and the targets of a pass in mm, in the order visited, to the positions that the machine drives to."""
+"""From setup, pass number and the targets of a pass in mm, in the order visited, to the positions
+that the machine drives to."""
 
 
 def as_written(setup: str, number: int, targets_mm: np.ndarray) -> np.ndarray:
@@ -21,7 +23,8 @@ def as_written(setup: str, number: int, targets_mm: np.ndarray) -> np.ndarray:
 
 
 def rounded(decimals: Callable[[str, int], int], *, incremental: bool = False) -> Program:
-    """Drive a program of so many decimals; an ``incremental`` one (G91) adds up what its steps lost."""
+    """Drive a program of so many decimals; an ``incremental`` one (G91) adds up what its steps
+    lost."""
 
     def drive(setup: str, number: int, targets_mm: np.ndarray) -> np.ndarray:
         places = decimals(setup, number)
@@ -39,15 +42,18 @@ def scattered(size_um: float, seed: int, program: Program = as_written) -> Progr
 
     def drive(setup: str, number: int, targets_mm: np.ndarray) -> np.ndarray:
         draw = np.random.default_rng([seed, number, *setup.encode()])
-        return program(setup, number, targets_mm) + 1e-3 * size_um * draw.uniform(-1.0, 1.0, targets_mm.shape)
+        return program(setup, number, targets_mm) + 1e-3 * size_um * draw.uniform(
+            -1.0, 1.0, targets_mm.shape
+        )
 
     return drive
 
 
 @dataclass(frozen=True, kw_only=True)
 class Beside:
-    """The survey of a bench, without noise. ``stands`` is where the machine stands at its stops, ``shows`` what its registers hold of that:
-    the same (None), or something else. ``targets_mm`` are targets of a linear run's own, by its name."""
+    """The survey of a bench, without noise. ``stands`` is where the machine stands at its stops,
+    ``shows`` what its registers hold of that: the same (None), or something else. ``targets_mm``
+    are targets of a linear run's own, by its name."""
 
     bench: Bench
     setups: Sequence[str] = (*DIAGONALS, *LINEAR)
@@ -62,7 +68,18 @@ class Beside:
 
     def readings(self) -> Readings:
         """Return the readings, exact for where the machine stands."""
-        columns: dict[str, list] = {name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "beam_mm", "turned")}
+        columns: dict[str, list] = {
+            name: []
+            for name in (
+                "setup",
+                "pass_number",
+                "stop",
+                "position_mm",
+                "reading_mm",
+                "beam_mm",
+                "turned",
+            )
+        }
         bench = self.bench
         box = Box(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
         placing = np.random.default_rng(1000 + bench.seed)
@@ -76,7 +93,8 @@ class Beside:
                 side = outward_direction(box, setup) * (1 if number % 2 else -1)
                 count = bench.machine.indicated_mm(placed, stands, direction=np.sign(side))
                 if self.turned and number > 1:
-                    # the machine turned round where the pass before ended: its last reading is this pass's first
+                    # the machine turned round where the pass before ended: its last reading is this
+                    # pass's first
                     count[0], shows[0] = last
                 last = (count[-1], shows[-1])
                 first_mm = count[0] if first_mm is None or not self.joined else first_mm
@@ -100,28 +118,45 @@ class Beside:
         return targets
 
     def _alignment(self, placing: np.random.Generator, setup: str) -> Alignment:
-        mirror, beam = (self.bench.tilt_mrad * np.array([np.cos(angle), np.sin(angle)]) for angle in placing.uniform(0, 2 * np.pi, 2))
+        mirror, beam = (
+            self.bench.tilt_mrad * np.array([np.cos(angle), np.sin(angle)])
+            for angle in placing.uniform(0, 2 * np.pi, 2)
+        )
         return Alignment(
             mirror_mrad=(float(mirror[0]), float(mirror[1])),
-            beam_mrad=(0.0, 0.0) if setup.startswith("linear") else (float(beam[0]), float(beam[1])),
+            beam_mrad=(0.0, 0.0)
+            if setup.startswith("linear")
+            else (float(beam[0]), float(beam[1])),
             beam_offset_mm=self.bench.beam_offset_mm.get(setup, (0.0, 0.0, 0.0)),
         )
 
     def head(self) -> list[MeasuredStraightness]:
-        """Return what a 4-DOF head on every axis measures where the machine stands on its runs: without noise, on lines of its own."""
+        """Return what a 4-DOF head on every axis measures where the machine stands on its runs:
+        without noise, on lines of its own."""
         found = []
         for axis, letter in enumerate("XYZ"):
-            targets = np.tile(np.array(self.bench.origin_mm, dtype=np.float64), (self.bench.increments + 1, 1))
-            targets[:, axis] += np.linspace(0.0, self.bench.size_mm[axis], self.bench.increments + 1)
+            targets = np.tile(
+                np.array(self.bench.origin_mm, dtype=np.float64), (self.bench.increments + 1, 1)
+            )
+            targets[:, axis] += np.linspace(
+                0.0, self.bench.size_mm[axis], self.bench.increments + 1
+            )
             stands = self.stands(f"fourdof-{letter.lower()}", 1, targets)
-            shows = stands if self.shows is None else self.shows(f"fourdof-{letter.lower()}", 1, targets)
+            shows = (
+                stands
+                if self.shows is None
+                else self.shows(f"fourdof-{letter.lower()}", 1, targets)
+            )
             for component in range(3):
                 if component != axis:
                     name = f"E{'XYZ'[component]}{letter}"
                     value = self.bench.machine.errors.functions[name](stands[:, axis])
                     found.append(
                         MeasuredStraightness(
-                            name=name, position_mm=shows[:, axis], value_um=value - value[0], u_um=np.full(len(value), 0.1)
+                            name=name,
+                            position_mm=shows[:, axis],
+                            value_um=value - value[0],
+                            u_um=np.full(len(value), 0.1),
                         )
                     )
         return found

@@ -1,7 +1,9 @@
-"""A hasty engineer at a machine with a SINUMERIK: what is measured, stated, exported, loaded and read back, and what the machine errs by.
+"""A hasty engineer at a machine with a SINUMERIK: what is measured, stated, exported, loaded and
+read back, and what the machine errs by.
 
-The control is `testkit.exact.sinumerik`; what its variables do to an axis is computed here from the manual's words alone (a positive value
-moves the axis in -, linear between points, end values held), so that no sign of the product can cancel itself.
+The control is `testkit.exact.sinumerik`; what its variables do to an axis is computed here from the
+manual's words alone (a positive value moves the axis in -, linear between points, end values held),
+so that no sign of the product can cancel itself.
 """
 
 import itertools
@@ -40,15 +42,21 @@ Values = NDArray[np.float64]
 SIEMENS = controller_named("siemens")
 AXES = {"X": "AX1", "Y": "AX2", "Z": "AX3"}
 MACHINE_DATA = {
-    "$MN_SCALING_SYSTEM_IS_METRIC": "1", "$MA_CEC_SCALING_SYSTEM_METRIC": "1", "$MA_MM_ENC_COMP_MAX_POINTS": "30",
-    "$MN_MM_CEC_MAX_POINTS": "30", "$MA_CEC_MAX_SUM": "1",
-}  # fmt: skip
+    "$MN_SCALING_SYSTEM_IS_METRIC": "1",
+    "$MA_CEC_SCALING_SYSTEM_METRIC": "1",
+    "$MA_MM_ENC_COMP_MAX_POINTS": "30",
+    "$MN_MM_CEC_MAX_POINTS": "30",
+    "$MA_CEC_MAX_SUM": "1",
+}
 SQUARE = {"C0Y": ("EXY", "EYX", -1.0), "B0Z": ("EXZ", "EZX", 1.0), "A0Z": ("EYZ", "EZY", -1.0)}
-"""By contract 1: the function that holds a squareness, the other one of the pair, and the sign of their slopes."""
+"""By contract 1: the function that holds a squareness, the other one of the pair, and the sign of
+their slopes."""
 STEPS, MINUTES = 10, 10.0
 """Increments of the diagonals and lines, and the minutes of a proof run."""
 SETUPS = (*BODY_DIAGONALS, *LINEAR_RUNS)
-DRIVEN = Plan(volume=replace(VOLUME, increments=STEPS), runs=tuple(Run(setup=name) for name in SETUPS))
+DRIVEN = Plan(
+    volume=replace(VOLUME, increments=STEPS), runs=tuple(Run(setup=name) for name in SETUPS)
+)
 DONE = ("whole", "twice", "half", "another machine", "old files again", "a switch forgotten")
 _NUMBER = re.compile(r"^(\$(?:AA_ENC_COMP|AN_CEC)\[[^\]]*\]=)(-?\d+\.?\d*)$", re.MULTILINE)
 
@@ -59,8 +67,12 @@ def _scaled(text: str, factor: float) -> str:
 
 EDITED: Mapping[str, Callable[[str], str]] = {
     "second system": lambda text: re.sub(r"(ENC_COMP\w*\[)0,", r"\g<1>1,", text),
-    "other numbers": lambda text: re.sub(r"(\$(?:AN|SN)_CEC\w*\[)(\d+)", lambda found: f"{found[1]}{int(found[2]) + 6}", text),
-    "exchanged axes": lambda text: text.replace("AX1", "AX9").replace("AX2", "AX1").replace("AX9", "AX2"),
+    "other numbers": lambda text: re.sub(
+        r"(\$(?:AN|SN)_CEC\w*\[)(\d+)", lambda found: f"{found[1]}{int(found[2]) + 6}", text
+    ),
+    "exchanged axes": lambda text: (
+        text.replace("AX1", "AX9").replace("AX2", "AX1").replace("AX9", "AX2")
+    ),
     "a tenth": lambda text: _scaled(text, 0.1),
     "inches": lambda text: _scaled(text, 25.4),
 }
@@ -89,7 +101,8 @@ ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "t
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """What stood in the control, which of it was on while measuring, what was stated of it, and what was done afterwards."""
+    """What stood in the control, which of it was on while measuring, what was stated of it, and
+    what was done afterwards."""
 
     old: bool
     on: str = "none"
@@ -98,12 +111,16 @@ class Story:
     listed: str = "all"
 
     def __str__(self) -> str:
-        return f"old tables {self.old}, on {self.on}, stated {self.stated}, loading {self.done}, listed {self.listed}"
+        return (
+            f"old tables {self.old}, on {self.on}, stated {self.stated}, loading {self.done}, "
+            f"listed {self.listed}"
+        )
 
 
 @dataclass
 class Hall:
-    """A drawn machine with its control; errors in um at the nodes of the survey, slopes of the straightnesses within."""
+    """A drawn machine with its control; errors in um at the nodes of the survey, slopes of the
+    straightnesses within."""
 
     seed: int
     control: Sinumerik = field(default_factory=lambda: Sinumerik(machine=MACHINE_DATA))
@@ -112,36 +129,69 @@ class Hall:
     def __post_init__(self) -> None:
         self.dice, along = np.random.default_rng((71, self.seed)), np.linspace(0.0, 1.0, 5)
         for name in FUNCTIONS:
-            bow = 6.0 * self.dice.normal() * np.sin(np.pi * along) + 3.0 * self.dice.normal() * np.sin(2.0 * np.pi * along)
-            lean = 8.0 * self.dice.normal() if name[1] == name[2] or name in {held for held, _, _ in SQUARE.values()} else 0.0
+            bow = 6.0 * self.dice.normal() * np.sin(
+                np.pi * along
+            ) + 3.0 * self.dice.normal() * np.sin(2.0 * np.pi * along)
+            lean = (
+                8.0 * self.dice.normal()
+                if name[1] == name[2] or name in {held for held, _, _ in SQUARE.values()}
+                else 0.0
+            )
             self.truth[name] = bow + lean * along
 
     def added_um(self, name: str, at: Values | None = None) -> Values:
-        """Return what the control adds at positions (the nodes where none are given), from its variables and switches."""
+        """Return what the control adds at positions (the nodes where none are given), from its
+        variables and switches."""
         at = VOLUME.nodes_mm("XYZ".index(name[2])) if at is None else at
         held, added = self.control.held, np.zeros(at.shape)
         if name[1] == name[2] and held.get(f"$MA_ENC_COMP_ENABLE[0,{AXES[name[1]]}]") == "1":
-            added = added - self._table("$AA_ENC_COMP[0,{}," + AXES[name[1]] + "]", f"$AA_ENC_COMP_{{}}[0,{AXES[name[1]]}]", at)
+            added = added - self._table(
+                "$AA_ENC_COMP[0,{}," + AXES[name[1]] + "]",
+                f"$AA_ENC_COMP_{{}}[0,{AXES[name[1]]}]",
+                at,
+            )
         if held.get(f"$MA_CEC_ENABLE[{AXES[name[1]]}]") == "1":
             for index in range(12):
-                of = tuple(held.get(f"$AN_CEC_{what}_AXIS[{index}]", "").strip("()") for what in ("INPUT", "OUTPUT"))
-                if of == (AXES[name[2]], AXES[name[1]]) and held.get(f"$SN_CEC_TABLE_ENABLE[{index}]") == "1":
+                of = tuple(
+                    held.get(f"$AN_CEC_{what}_AXIS[{index}]", "").strip("()")
+                    for what in ("INPUT", "OUTPUT")
+                )
+                if (
+                    of == (AXES[name[2]], AXES[name[1]])
+                    and held.get(f"$SN_CEC_TABLE_ENABLE[{index}]") == "1"
+                ):
                     weight = float(held.get(f"$SN_CEC_TABLE_WEIGHT[{index}]", "0"))
-                    added = added - weight * self._table(f"$AN_CEC[{index},{{}}]", f"$AN_CEC_{{}}[{index}]", at)
+                    added = added - weight * self._table(
+                        f"$AN_CEC[{index},{{}}]", f"$AN_CEC_{{}}[{index}]", at
+                    )
         return added
 
     def _table(self, value: str, grid: str, at: Values) -> Values:
-        low, high, step = (float(self.control.held.get(grid.format(name), "0")) for name in ("MIN", "MAX", "STEP"))
+        low, high, step = (
+            float(self.control.held.get(grid.format(name), "0")) for name in ("MIN", "MAX", "STEP")
+        )
         if step <= 0.0:
             return 0.0 * at
         points = low + step * np.arange(round((high - low) / step) + 1)
-        return np.interp(at, points, [1000.0 * float(self.control.held.get(value.format(n), "0")) for n in range(len(points))])
+        return np.interp(
+            at,
+            points,
+            [
+                1000.0 * float(self.control.held.get(value.format(n), "0"))
+                for n in range(len(points))
+            ],
+        )
 
     def errs_um(self) -> float:
-        """Return the rms of all functions, each about its mean; of two functions of a pair the common slope counts, no turn."""
+        """Return the rms of all functions, each about its mean; of two functions of a pair the
+        common slope counts, no turn."""
         left = {name: self.truth[name] + self.added_um(name) for name in FUNCTIONS}
         for held, other, _ in SQUARE.values():
-            slopes = {name: (left[name][-1] - left[name][0]) / np.ptp(VOLUME.nodes_mm("XYZ".index(name[2]))) for name in (held, other)}
+            slopes = {
+                name: (left[name][-1] - left[name][0])
+                / np.ptp(VOLUME.nodes_mm("XYZ".index(name[2])))
+                for name in (held, other)
+            }
             for name, turn in ((held, slopes[other]), (other, -slopes[other])):
                 at = VOLUME.nodes_mm("XYZ".index(name[2]))
                 left[name] = left[name] + turn * (at - at[0])
@@ -156,37 +206,61 @@ class Hall:
             at = VOLUME.nodes_mm("XYZ".index(name[2]))
             slopes[name] = found[-1] / np.ptp(at) if name[1] != name[2] else 0.0
             shapes[name] = list(found - slopes[name] * (at - at[0]))
-        square = {name: sign * 1000.0 * (slopes[one] + slopes[other]) for name, (one, other, sign) in SQUARE.items()}
+        square = {
+            name: sign * 1000.0 * (slopes[one] + slopes[other])
+            for name, (one, other, sign) in SQUARE.items()
+        }
         return made_result(shapes, squareness=square, u_um=0.3)
 
     def readings(self, setups: Sequence[str] = SETUPS, repeats: int = 2) -> Readings:
-        """Return what a laser reads along diagonals and lines, out and back, with 0.3 um of noise; the mirror leans anew each time."""
+        """Return what a laser reads along diagonals and lines, out and back, with 0.3 um of noise;
+        the mirror leans anew each time."""
         rows, size = [], np.array(VOLUME.size_mm)
         for setup in setups:
             step = not setup.startswith("linear")
             nodes = np.arange(3 * STEPS + 1 if step else STEPS + 1)
-            counts = [(nodes + 2 - axis) // 3 if step else nodes * (setup[-1] == "xyz"[axis]) for axis in range(3)]
-            counts = [STEPS - count if step and setup[axis] == "n" else count for axis, count in enumerate(counts)]
+            counts = [
+                (nodes + 2 - axis) // 3 if step else nodes * (setup[-1] == "xyz"[axis])
+                for axis in range(3)
+            ]
+            counts = [
+                STEPS - count if step and setup[axis] == "n" else count
+                for axis, count in enumerate(counts)
+            ]
             out = np.array(VOLUME.origin_mm) + np.column_stack(counts) * size / STEPS
             along = (out[-1] - out[0]) / np.linalg.norm(out[-1] - out[0])
             lean = 5e-4 * self.dice.normal(size=3) * step
             error = np.zeros(out.shape)
             for name, truth in self.truth.items():
                 axis = "XYZ".index(name[2])
-                held = np.interp(out[:, axis], VOLUME.nodes_mm(axis), truth) + self.added_um(name, out[:, axis])
+                held = np.interp(out[:, axis], VOLUME.nodes_mm(axis), truth) + self.added_um(
+                    name, out[:, axis]
+                )
                 error[:, "XYZ".index(name[1])] += held
             mean = out @ (along + lean - (lean @ along) * along) + 1e-3 * (error @ along)
             for number in range(1, 2 * repeats + 1):
                 order = slice(None) if number % 2 else slice(None, None, -1)
                 read = (mean + 3e-4 * self.dice.normal(size=len(out)))[order]
-                rows += [(setup, number, stop, at, one - read[0]) for stop, (at, one) in enumerate(zip(out[order], read, strict=True))]
+                rows += [
+                    (setup, number, stop, at, one - read[0])
+                    for stop, (at, one) in enumerate(zip(out[order], read, strict=True))
+                ]
         setups, numbers, stops, places, values = zip(*rows, strict=True)
-        return make_readings(setup=setups, pass_number=numbers, stop=stops, position_mm=np.array(places), reading_mm=values)
+        return make_readings(
+            setup=setups,
+            pass_number=numbers,
+            stop=stops,
+            position_mm=np.array(places),
+            reading_mm=values,
+        )
 
     def switch(self, on: str) -> None:
         """Switch kinds of table: "all", "eec", "cec", "none"."""
         for name in list(self.control.held):
-            for kind, marks in (("eec", ("$MA_ENC_COMP_ENABLE",)), ("cec", ("$MA_CEC_ENABLE", "$SN_CEC_TABLE_ENABLE"))):
+            for kind, marks in (
+                ("eec", ("$MA_ENC_COMP_ENABLE",)),
+                ("cec", ("$MA_CEC_ENABLE", "$SN_CEC_TABLE_ENABLE")),
+            ):
                 if name.startswith(marks):
                     self.control.held[name] = "1" if on in ("all", kind) else "0"
 
@@ -196,7 +270,9 @@ def stories() -> Iterator[Story]:
     for done, old in itertools.product((*EDITED, *HELD), (False, True)):
         yield Story(old=old, on="all" if old else "none", stated="on" if old else "off", done=done)
     for listed in LISTED:
-        yield Story(old=True, on="all", stated="off" if listed == "nothing" else "on", listed=listed)
+        yield Story(
+            old=True, on="all", stated="off" if listed == "nothing" else "on", listed=listed
+        )
     yield Story(old=True, on="none", stated="off", listed="nothing")
     for done in DONE:
         yield Story(old=False, done=done)
@@ -205,8 +281,11 @@ def stories() -> Iterator[Story]:
                 yield Story(old=True, on=on, stated=said, done=done)
 
 
-def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tuple[str, float, float]:
-    """Return what stopped a story ("" where nothing did, with exit code 0 to its end), and the true rms before and after in um.
+def lived(
+    story: Story, seed: int, folder: Path, *, proof: bool = False
+) -> tuple[str, float, float]:
+    """Return what stopped a story ("" where nothing did, with exit code 0 to its end), and the true
+    rms before and after in um.
 
     Its last step is to read back what the control holds, or a ``proof`` run in its place.
     """
@@ -221,10 +300,23 @@ def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tupl
     before = hall.errs_um()
     hall.switch(story.on)
     along = hall.readings() if proof else None
-    measured, data = hall.survey(), tuple(file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name)
+    measured, data = (
+        hall.survey(),
+        tuple(
+            file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name
+        ),
+    )
     hall.switch("all")
-    data = tuple(file for each in data if (file := LISTED.get(story.listed, lambda file: file)(each)) is not None)
-    profile = replace(base, existing=data, machine=msgspec.structs.replace(base.machine, measured_with=story.stated))
+    data = tuple(
+        file
+        for each in data
+        if (file := LISTED.get(story.listed, lambda file: file)(each)) is not None
+    )
+    profile = replace(
+        base,
+        existing=data,
+        machine=msgspec.structs.replace(base.machine, measured_with=story.stated),
+    )
     said = (
         stated("on", {file.name: file.data for file in data}, date(2026, 6, 1), "archive")
         if story.stated == "on"
@@ -242,20 +334,37 @@ def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tupl
         return "verify", before, before
     edit = EDITED.get(story.done, str)
     edited = tuple(replace(file, data=edit(file.data.decode()).encode()) for file in files)
-    _load(hall, archive if story.done == "old files again" and archive else edited, half=story.done == "half")
+    _load(
+        hall,
+        archive if story.done == "old files again" and archive else edited,
+        half=story.done == "half",
+    )
     if hall.control.refused:
         return "loading", before, hall.errs_um()
     if story.done == "twice":
         _load(hall, files)
-    mark, value = HELD.get(story.done, ("$SN_CEC_TABLE_ENABLE[2]" if story.done == "a switch forgotten" else "none", "0"))
+    mark, value = HELD.get(
+        story.done,
+        ("$SN_CEC_TABLE_ENABLE[2]" if story.done == "a switch forgotten" else "none", "0"),
+    )
     hall.control.held |= {name: value for name in hall.control.held if name.startswith(mark)}
     if along is not None:
         acting, replaced = acting_in(measured, SIEMENS, tables, profile)
         ahead = plan_proof(measured, along, DRIVEN, acting, MINUTES)
         found = prove(measured, along, hall.readings(ahead.setups, ahead.repeats), acting, replaced)
         if found.action == "undecided" and found.further:
-            found = prove(measured, along, hall.readings((*ahead.setups, *found.further), ahead.repeats), acting, replaced)
-        return "" if found.action == "keep" else f"proof run: {found.action}", before, hall.errs_um()
+            found = prove(
+                measured,
+                along,
+                hall.readings((*ahead.setups, *found.further), ahead.repeats),
+                acting,
+                replaced,
+            )
+        return (
+            "" if found.action == "keep" else f"proof run: {found.action}",
+            before,
+            hall.errs_um(),
+        )
     (reader,) = (file for file in files if file.name == "READ_BACK.MPF")
     hall.control.run(reader.data.decode("ascii"))
     held = ControlFile(name="STEPDIAG_BACK.INI", data=hall.control.read_out().encode("ascii"))
@@ -271,7 +380,9 @@ def _exported(result: Result, profile: Profile, folder: Path) -> tuple[ControlFi
 
 def _load(hall: Hall, files: tuple[ControlFile, ...], *, half: bool = False) -> None:
     """Run the loading programs; ``half`` leaves the second one in its middle."""
-    programs = [file for file in files if file.name.startswith("LOAD") and "RESTORE" not in file.name]
+    programs = [
+        file for file in files if file.name.startswith("LOAD") and "RESTORE" not in file.name
+    ]
     for number, file in enumerate(sorted(programs, key=lambda file: file.name, reverse=True)):
         text = file.data.decode("ascii")
         hall.control.stop_after = len(text.splitlines()) // 2 if half and number == 0 else None

@@ -1,7 +1,9 @@
-"""A reader of NC programs that knows nothing of the writer: it walks the blocks as the control would and lists what happens.
+"""A reader of NC programs that knows nothing of the writer: it walks the blocks as the control
+would and lists what happens.
 
-Every block must be one that the dialect's table knows; the walk refuses anything else, moves before the modes are known, and a
-signal that the control's look-ahead would send before the axes have arrived.
+Every block must be one that the dialect's table knows; the walk refuses anything else, moves before
+the modes are known, and a signal that the control's look-ahead would send before the axes have
+arrived.
 """
 
 import re
@@ -13,7 +15,8 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Stand:
-    """A dwell with ``stopped`` on: where, what the PLC is shown, for how long, and whether the captured counter was awaited."""
+    """A dwell with ``stopped`` on: where, what the PLC is shown, for how long, and whether the
+    captured counter was awaited."""
 
     position: Point
     setup: int
@@ -28,7 +31,8 @@ class RefusedError(Exception):
 
 @dataclass
 class Walk:
-    """The state of the walk and what it has seen. ``left`` is what was active at the control before, by the control's own names."""
+    """The state of the walk and what it has seen. ``left`` is what was active at the control
+    before, by the control's own names."""
 
     left: Mapping[str, float] = field(default_factory=dict)
 
@@ -61,8 +65,11 @@ class Walk:
             raise RefusedError(words)
 
     def apart(self, one: str, other: str) -> float:
-        """Return the sum of what two positions differ by in three axes; the names have a place for each."""
-        return sum(abs(self.read(one.format(axis)) - self.read(other.format(axis))) for axis in (1, 2, 3))
+        """Return the sum of what two positions differ by in three axes; the names have a place for
+        each."""
+        return sum(
+            abs(self.read(one.format(axis)) - self.read(other.format(axis))) for axis in (1, 2, 3)
+        )
 
     def move(self, x: str, y: str, z: str, feed: str) -> None:
         assert not self.stopped, "moves while the PLC is told that the machine stands"
@@ -113,13 +120,19 @@ def _fanuc(walk: Walk) -> list[Rule]:
     return [
         (r"\((.*)\)", walk.comments.append),
         (r"((?:G\d+ ?)*G21|G17 [G0-9 ]+|G54)", modes),
-        (r"IF\[\[ABS\[#(52\d1)\]\+ABS\[#52\d2\]\+ABS\[#52\d3\]\]NE0\]THEN #3000=\d\([A-Z0-9 ]+\)", modes),
+        (
+            (
+                r"IF\[\[ABS\[#(52\d1)\]\+ABS\[#52\d2\]\+ABS\[#52\d3\]\]NE0\]THEN #3000=\d\([A-Z0-9 "
+                r"]+\)"
+            ),
+            modes,
+        ),
         (
             r"IF\[FIX\[#(40\d\d)\]EQ(\d+)\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",
             lambda group, code, words: walk.refuse(int(walk.read(f"#{group}")) == int(code), words),
         ),
         (
-            r"G53\nIF\[\[ABS\[#5021-#5041\]\+ABS\[#5022-#5042\]\+ABS\[#5023-#5043\]\]GT0\.003\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",
+            r"G53\nIF\[\[ABS\[#5021-#5041\]\+ABS\[#5022-#5042\]\+ABS\[#5023-#5043\]\]GT0\.003\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",  # noqa: E501
             lambda words: walk.refuse(walk.apart("#502{}", "#504{}") > 0.003, words),
         ),
         (r"M05", lambda: None),
@@ -130,7 +143,10 @@ def _fanuc(walk: Walk) -> list[Rule]:
         (r"#1100=([01])", lambda bit: walk.signal(walk.setup, walk.count, bit == "1")),
         (rf"G09 G01 X{N} Y{N} Z{N} F{N}", move),
         (rf"G04 X{N}", walk.dwell),
-        (r"WHILE\[#1032NE(\d+)\]DO1\nG53\nEND1", lambda count: setattr(walk, "waited_for", int(count))),
+        (
+            r"WHILE\[#1032NE(\d+)\]DO1\nG53\nEND1",
+            lambda count: setattr(walk, "waited_for", int(count)),
+        ),
         (r"M30", lambda: setattr(walk, "ended", True)),
     ]
 
@@ -158,7 +174,10 @@ def _siemens(walk: Walk) -> list[Rule]:
         (r"\$A_DBW\[(0|2|4)\]=(\d+)", word),
         (rf"G1 SUPA X{N} Y{N} Z{N} F{N}", move),
         (rf"G4 F{N}", walk.dwell),
-        (r"WHILE \$A_DBW\[6\]<>(\d+)\nSTOPRE\nENDWHILE", lambda count: setattr(walk, "waited_for", int(count))),
+        (
+            r"WHILE \$A_DBW\[6\]<>(\d+)\nSTOPRE\nENDWHILE",
+            lambda count: setattr(walk, "waited_for", int(count)),
+        ),
         (r"M30", lambda: setattr(walk, "ended", True)),
     ]
 
@@ -175,13 +194,26 @@ def _heidenhain(walk: Walk) -> list[Rule]:
     def compared(_again: str, place: str, expected: str, _on: str, words: str) -> None:
         walk.refuse(walk.left.get(place, float("NR4" in place)) != float(expected), words)
 
-    read = r"FN 20: WAIT FOR SYNC\nFN 18: SYSREAD QL1 = (ID\d+ NR\d+(?: IDX\d)?)\nFN 9: IF \+QL1 EQU \+(\d)"
+    read = (
+        r"FN 20: WAIT FOR SYNC\nFN 18: SYSREAD QL1 = (ID\d+ NR\d+(?: IDX\d)?)\nFN 9: IF \+QL1 "
+        r"EQU \+(\d)"
+    )
     return [
         (r"; (.*)", walk.comments.append),
-        (r"CYCL DEF (?:7\.0 DATUM SHIFT|8\.0 MIRROR IMAGE|8\.1|10\.0 ROTATION|11\.0 SCALING|9\.0 DWELL TIME)", lambda: None),
+        (
+            (
+                r"CYCL DEF (?:7\.0 DATUM SHIFT|8\.0 MIRROR IMAGE|8\.1|10\.0 ROTATION|11\.0 "
+                r"SCALING|9\.0 DWELL TIME)"
+            ),
+            lambda: None,
+        ),
         (r"CYCL DEF (?:7\.[123]|10\.1|11\.1) (.*)", walk.modes.add),
         (
-            rf"LBL (\d+)\n{read} GOTO LBL (\d+)\n; (.*)\nSTOP M5\nFN 9: IF \+0 EQU \+0 GOTO LBL \1\nLBL \4",
+            (
+                rf"LBL (\d+)\n{read} GOTO LBL (\d+)\n; (.*)\nSTOP M5\nFN 9: IF \+0 EQU \+0 GOTO "
+                r"LBL "
+                r"\1\nLBL \4"
+            ),
             compared,
         ),
         (r"STOP M5", lambda: setattr(walk, "halted", True)),
@@ -231,11 +263,14 @@ RULES = {"fanuc": _fanuc, "siemens": _siemens, "heidenhain": _heidenhain, "linux
 def walk_program(data: bytes, control: str, left: Mapping[str, float] | None = None) -> Walk:
     """Return what the program does where some things were ``left`` active at the control.
 
-    Raises AssertionError for a block that the dialect does not know, RefusedError where the program stops by name.
+    Raises AssertionError for a block that the dialect does not know, RefusedError where the program
+    stops by name.
     """
     text = _unframed(data.decode("ascii"), control)
     walk = Walk(left or {})
-    rules = [(re.compile(rf"(?:{pattern})(?:\n|\Z)"), action) for pattern, action in RULES[control](walk)]
+    rules = [
+        (re.compile(rf"(?:{pattern})(?:\n|\Z)"), action) for pattern, action in RULES[control](walk)
+    ]
     at = 0
     while at < len(text):
         assert not walk.ended, f"blocks after the end: {text[at : at + 40]!r}"
@@ -252,7 +287,8 @@ def walk_program(data: bytes, control: str, left: Mapping[str, float] | None = N
 
 
 def _unframed(text: str, control: str) -> str:
-    """Return the blocks alone, one a line: line ends, file frame and block numbers checked and taken off."""
+    """Return the blocks alone, one a line: line ends, file frame and block numbers checked and
+    taken off."""
     newline = "\n" if control == "linuxcnc" else "\r\n"
     assert text.endswith(newline)
     assert text.count("\n") == text.count(newline)
@@ -260,10 +296,14 @@ def _unframed(text: str, control: str) -> str:
     if control == "fanuc":
         assert (lines[0], lines[-1]) == ("%", "%")
         assert re.fullmatch(r"O\d{4}", lines[1])
-        assert re.fullmatch(r"[A-Z0-9 %()\[\]#=.,*+/<>-]*", "".join(lines)), "letters that the control does not read"
+        assert re.fullmatch(r"[A-Z0-9 %()\[\]#=.,*+/<>-]*", "".join(lines)), (
+            "letters that the control does not read"
+        )
         lines = lines[2:-1]
     if control == "heidenhain":
-        assert [line.split(" ", 1)[0] for line in lines] == [str(number) for number in range(len(lines))]
+        assert [line.split(" ", 1)[0] for line in lines] == [
+            str(number) for number in range(len(lines))
+        ]
         lines = [line.split(" ", 1)[1] for line in lines]
         assert re.fullmatch(r"BEGIN PGM \w+ MM", lines[0])
         assert lines[-1] == lines[0].replace("BEGIN", "END")

@@ -1,4 +1,5 @@
-"""Controls as a machine has them: they keep what was loaded until something is loaded over it, by laws of their own."""
+"""Controls as a machine has them: they keep what was loaded until something is loaded over it, by
+laws of their own."""
 
 import re
 from abc import ABC, abstractmethod
@@ -23,18 +24,24 @@ Array = np.ndarray
 
 
 class Plant(ABC):
-    """One control with its memory. ``reference_mm`` is where the axes are referenced, ``chain`` how they are built."""
+    """One control with its memory. ``reference_mm`` is where the axes are referenced, ``chain`` how
+    they are built."""
 
     def __init__(self, chain: str, reference_mm: tuple[float, float, float]) -> None:
         self.chain, self.reference_mm = chain, np.array(reference_mm)
         self.texts: dict[str, str] = {}
         self.backlash_um = np.zeros(3)
-        """The control's own parameter, as somebody entered it: half of it is added in +, half taken off in -, once an axis has turned."""
+        """The control's own parameter, as somebody entered it: half of it is added in +, half taken
+        off in -, once an axis has turned."""
 
     def load(self, folder: Path, *, restore: bool = False) -> None:
-        """Copy the files of an export over those of the same name, the restore files where wanted."""
+        """Copy the files of an export over those of the same name, the restore files where
+        wanted."""
         for path in sorted(folder.iterdir()):
-            if is_restore(path.name) == restore and path.name not in ("EXPORT_REPORT.txt", "SHA256SUMS"):
+            if is_restore(path.name) == restore and path.name not in (
+                "EXPORT_REPORT.txt",
+                "SHA256SUMS",
+            ):
                 self.take(plain_name(path.name), path.read_bytes().decode("ascii"))
 
     def take(self, name: str, text: str) -> None:
@@ -46,22 +53,32 @@ class Plant(ABC):
         return {name: text.encode("ascii") for name, text in self.texts.items()}
 
     def moved_um(self, points_mm: Array, way: int = 0) -> Array:
-        """Return what the tables add at points in um, for travel of all axes in +1 or -1, or the mean of both."""
+        """Return what the tables add at points in um, for travel of all axes in +1 or -1, or the
+        mean of both."""
         travel = np.full(points_mm.shape, float(way))
-        return 1e3 * sum((table.correction_mm(points_mm, travel) for table in self.tables()), 0.0 * travel)
+        return 1e3 * sum(
+            (table.correction_mm(points_mm, travel) for table in self.tables()), 0.0 * travel
+        )
 
     def turned_um(self, points_mm: Array, *, tables: bool) -> Array:
-        """Return what the control makes in + more than in -: by its parameter, and by its tables where they act."""
+        """Return what the control makes in + more than in -: by its parameter, and by its tables
+        where they act."""
         acts = np.array([not (tables and self.ends_backlash(axis)) for axis in range(3)])
-        by_tables = self.moved_um(points_mm, 1) - self.moved_um(points_mm, -1) if tables else np.zeros(points_mm.shape)
+        by_tables = (
+            self.moved_um(points_mm, 1) - self.moved_um(points_mm, -1)
+            if tables
+            else np.zeros(points_mm.shape)
+        )
         return by_tables + acts * self.backlash_um
 
     def ends_backlash(self, axis: int) -> bool:
-        """Tell whether a table of this axis keeps the control from looking at its backlash parameter."""
+        """Tell whether a table of this axis keeps the control from looking at its backlash
+        parameter."""
         return False
 
     def steps_um(self, points_mm: Array) -> Array:
-        """Return what of that are steps of the control, beside the straight lines through its points."""
+        """Return what of that are steps of the control, beside the straight lines through its
+        points."""
         return np.zeros(points_mm.shape)
 
     @abstractmethod
@@ -85,15 +102,26 @@ class SiemensPlant(Plant):
             f"${name}[{','.join(index)}]={value}"
             for name, held in cells.items()
             for index, value in held.items()
-            if name.startswith(("AA_ENC_COMP", "AN_CEC")) and "POINT" not in index and self._inside(name, index)
+            if name.startswith(("AA_ENC_COMP", "AN_CEC"))
+            and "POINT" not in index
+            and self._inside(name, index)
         ]
-        return {"BACKUP.INI": "\n".join(["CHANDATA(1)", *lines, "M17", ""]).encode("ascii")} if lines else {}
+        return (
+            {"BACKUP.INI": "\n".join(["CHANDATA(1)", *lines, "M17", ""]).encode("ascii")}
+            if lines
+            else {}
+        )
 
     def _inside(self, name: str, index: tuple[str, ...]) -> bool:
         if name not in ("AA_ENC_COMP", "AN_CEC"):
             return True
-        place, number = ((index[0], index[2]), index[1]) if name == "AA_ENC_COMP" else ((index[0],), index[1])
-        low, high, step = (float(self.control._memory.cells[f"{name}_{part}"][place]) for part in ("MIN", "MAX", "STEP"))
+        place, number = (
+            ((index[0], index[2]), index[1]) if name == "AA_ENC_COMP" else ((index[0],), index[1])
+        )
+        low, high, step = (
+            float(self.control._memory.cells[f"{name}_{part}"][place])
+            for part in ("MIN", "MAX", "STEP")
+        )
         return int(number) <= round((high - low) / step)
 
     def tables(self) -> list:
@@ -106,9 +134,15 @@ class FanucPlant(Plant):
         sets = b"".join(
             b"N0%dQ1P0\n\r\r" % number
             for first in range(3)
-            for number in (5711 + first, 5721 + first, *(base + 10 * first + point for base in (5731, 5761) for point in range(4)))
+            for number in (
+                5711 + first,
+                5721 + first,
+                *(base + 10 * first + point for base in (5731, 5761) for point in range(4)),
+            )
         )
-        self.texts["PITCH.TXT"] = new_punch_file().replace(b"N10000", sets + b"N10000", 1).decode("ascii")
+        self.texts["PITCH.TXT"] = (
+            new_punch_file().replace(b"N10000", sets + b"N10000", 1).decode("ascii")
+        )
 
     def moved_um(self, points_mm: Array, way: int = 0) -> Array:
         return super().moved_um(points_mm - self.reference_mm, way)
@@ -116,7 +150,9 @@ class FanucPlant(Plant):
     def steps_um(self, points_mm: Array) -> Array:
         at, still = points_mm - self.reference_mm, np.zeros(points_mm.shape)
         smooth = load_fanuc([self.texts["PITCH.TXT"]], interpolated=True)
-        return self.moved_um(points_mm) - 1e3 * sum((table.correction_mm(at, still) for table in smooth), still)
+        return self.moved_um(points_mm) - 1e3 * sum(
+            (table.correction_mm(at, still) for table in smooth), still
+        )
 
     def tables(self) -> list:
         return load_fanuc([self.texts["PITCH.TXT"]])
@@ -130,7 +166,9 @@ class HeidenhainPlant(Plant):
         then = self.rows_before if restore else self.texts.get(rows)
         super().load(folder, restore=restore)
         if restore:
-            self.texts = {name: text for name, text in self.texts.items() if name != rows} | ({rows: then} if then else {})
+            self.texts = {name: text for name, text in self.texts.items() if name != rows} | (
+                {rows: then} if then else {}
+            )
         else:
             self.rows_before = then
 
@@ -144,7 +182,9 @@ class HeidenhainPlant(Plant):
         starts = [(found.group(), found.start()) for found in re.finditer(r"\S+", heading)]
         cells = {name: row[start : start + 16].strip() for name, start in starts}
         tables = {axis: self.texts[cells[axis]] for axis in NAMES if cells.get(axis)}
-        return [load_tables(tables, self.texts.get("kinematics_comp_lines.txt", ""), axis_names=NAMES)]
+        return [
+            load_tables(tables, self.texts.get("kinematics_comp_lines.txt", ""), axis_names=NAMES)
+        ]
 
 
 class BeckhoffPlant(Plant):
@@ -152,8 +192,17 @@ class BeckhoffPlant(Plant):
         return {name: data for name, data in super().own().items() if not name.endswith(".txt")}
 
     def tables(self) -> list:
-        found: list = [load_volumetric(text, chain=self.chain) for name, text in self.texts.items() if name.endswith(".csv")]
-        return found + [table for name, text in self.texts.items() if name.endswith(".lis") for table in _of_list(text)]
+        found: list = [
+            load_volumetric(text, chain=self.chain)
+            for name, text in self.texts.items()
+            if name.endswith(".csv")
+        ]
+        return found + [
+            table
+            for name, text in self.texts.items()
+            if name.endswith(".lis")
+            for table in _of_list(text)
+        ]
 
 
 def _of_list(text: str) -> Iterator[AxisTable]:
@@ -185,7 +234,10 @@ def _of_list(text: str) -> Iterator[AxisTable]:
 class LinuxCncPlant(Plant):
     def __init__(self, chain: str, reference_mm: tuple[float, float, float]) -> None:
         super().__init__(chain, reference_mm)
-        self.ini: dict[str, list[str]] = {"[KINS]": ["KINEMATICS = trivkins coordinates=XYZ"], "[HAL]": ["HALFILE = mill.hal"]}
+        self.ini: dict[str, list[str]] = {
+            "[KINS]": ["KINEMATICS = trivkins coordinates=XYZ"],
+            "[HAL]": ["HALFILE = mill.hal"],
+        }
 
     def take(self, name: str, text: str) -> None:
         if name == "ini_lines.txt":
@@ -195,12 +247,26 @@ class LinuxCncPlant(Plant):
 
     def _named(self) -> list[str]:
         lines = [line for section in self.ini.values() for line in section]
-        words = [line.split(" = ", 1)[1] for line in lines if line.startswith(("COMP_FILE =", "HALFILE"))]
-        lattices = [found[1] for line in lines if (found := re.search(r"stepdiagkins .*lattice=(\S+)", line))]
-        return [name for name in dict.fromkeys([*words, *lattices]) if name in self.texts and name != "stepdiagkins.hal"]
+        words = [
+            line.split(" = ", 1)[1] for line in lines if line.startswith(("COMP_FILE =", "HALFILE"))
+        ]
+        lattices = [
+            found[1]
+            for line in lines
+            if (found := re.search(r"stepdiagkins .*lattice=(\S+)", line))
+        ]
+        return [
+            name
+            for name in dict.fromkeys([*words, *lattices])
+            if name in self.texts and name != "stepdiagkins.hal"
+        ]
 
     def ends_backlash(self, axis: int) -> bool:
-        return any(f"COMP_FILE = screw_{'xyz'[axis]}.comp" == line for lines in self.ini.values() for line in lines)
+        return any(
+            f"COMP_FILE = screw_{'xyz'[axis]}.comp" == line
+            for lines in self.ini.values()
+            for line in lines
+        )
 
     def own(self) -> dict[str, bytes]:
         return {name: self.texts[name].encode("ascii") for name in self._named()}
@@ -212,12 +278,17 @@ class LinuxCncPlant(Plant):
             if name.endswith(".csv"):
                 found.append(load_lattice(text))
             else:
-                found += load_matrix(text) if name.endswith(".hal") else load_screw_file(text, "xyz".index(name[-6]))
+                found += (
+                    load_matrix(text)
+                    if name.endswith(".hal")
+                    else load_screw_file(text, "xyz".index(name[-6]))
+                )
         return found
 
 
 class MitsubishiPlant(Plant):
-    """Parameters by number; data as increments of 0.5 µm times the scale, added in +: above the reference n holds the section below it."""
+    """Parameters by number; data as increments of 0.5 µm times the scale, added in +: above the
+    reference n holds the section below it."""
 
     def __init__(self, chain: str, reference_mm: tuple[float, float, float]) -> None:
         super().__init__(chain, reference_mm)
@@ -225,7 +296,12 @@ class MitsubishiPlant(Plant):
 
     def take(self, name: str, text: str) -> None:
         if name.startswith(("mitsubishi_parameters", "own")):
-            self.numbers |= {int(cells[0][1:]): cells[1] for line in text.splitlines() if line.startswith("#") for cells in [line.split()]}
+            self.numbers |= {
+                int(cells[0][1:]): cells[1]
+                for line in text.splitlines()
+                if line.startswith("#")
+                for cells in [line.split()]
+            }
 
     def own(self) -> dict[str, bytes]:
         lines = [f"#{number} {value}" for number, value in sorted(self.numbers.items())]
@@ -236,15 +312,26 @@ class MitsubishiPlant(Plant):
 
     def _pair(self, base: int) -> AxisTable:
         into, onto = ("XYZ".index(NAMES[self.numbers[base + number]]) for number in (1, 2))
-        reference, first, last, scale = (int(self.numbers[base + number]) for number in (3, 4, 5, 6))
+        reference, first, last, scale = (
+            int(self.numbers[base + number]) for number in (3, 4, 5, 6)
+        )
         data = {number: int(self.numbers[number]) for number in range(first, last + 1)}
-        at = {number: sum(data[n] for n in range(reference + 1, number + 1)) for number in range(reference, last + 1)}
-        at |= {number: -sum(data[n] for n in range(number, reference)) for number in range(first, reference)}
+        at = {
+            number: sum(data[n] for n in range(reference + 1, number + 1))
+            for number in range(reference, last + 1)
+        }
+        at |= {
+            number: -sum(data[n] for n in range(number, reference))
+            for number in range(first, reference)
+        }
         step = float(self.numbers[base + 7])
         return AxisTable(
             input_axis=into,
             output_axis=onto,
-            position_mm=tuple(self.reference_mm[into] + (number - reference) * step for number in range(first, last + 1)),
+            position_mm=tuple(
+                self.reference_mm[into] + (number - reference) * step
+                for number in range(first, last + 1)
+            ),
             value_mm=tuple(at[number] * 0.5e-3 * scale for number in range(first, last + 1)),
         )
 
@@ -256,11 +343,17 @@ class FagorPlant(Plant):
     def _list(self, text: str) -> Iterator[AxisTable]:
         lines = [line for line in text.splitlines() if line and not line.startswith(";")]
         axis = "XYZ".index(NAMES[lines[0].split()[1]])
-        position, forward, reverse = np.array([[float(cell) for cell in line.split(";")] for line in lines[2:]]).T
+        position, forward, reverse = np.array(
+            [[float(cell) for cell in line.split(";")] for line in lines[2:]]
+        ).T
         for travel, error in ((1, forward), (-1, reverse if reverse.any() else forward)):
             yield AxisTable(
-                input_axis=axis, output_axis=axis, position_mm=tuple(position), value_mm=tuple(-error), travel=travel,
-            )  # fmt: skip
+                input_axis=axis,
+                output_axis=axis,
+                position_mm=tuple(position),
+                value_mm=tuple(-error),
+                travel=travel,
+            )
 
 
 PLANTS: dict[str, type[Plant]] = {

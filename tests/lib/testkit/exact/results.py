@@ -23,7 +23,8 @@ def made_result(
     volume: Volume = VOLUME,
     findings: tuple[Finding, ...] = (),
 ) -> Result:
-    """Return a result with the values in um at the volume's nodes; a function that is not given is zero, None is not identified.
+    """Return a result with the values in um at the volume's nodes; a function that is not given is
+    zero, None is not identified.
 
     ``angles`` in urad, by name (EAX ..): those that are not given are unknown.
     """
@@ -34,19 +35,36 @@ def made_result(
         chain=chain,
         method="made by hand",
         errors={
-            name: _function(volume, name, given.get(name, np.zeros(volume.increments + 1)), u_um, name not in shape_only)
+            name: _function(
+                volume,
+                name,
+                given.get(name, np.zeros(volume.increments + 1)),
+                u_um,
+                name not in shape_only,
+            )
             for name in DISPLACEMENTS
         }
-        | {name: _function(volume, name, rows, 1.0, True, "urad") for name, rows in (angles or {}).items()},
-        squareness={name: Quantity(value=value, u=None if value is None else 1.0) for name, value in square.items()},
+        | {
+            name: _function(volume, name, rows, 1.0, True, "urad")
+            for name, rows in (angles or {}).items()
+        },
+        squareness={
+            name: Quantity(value=value, u=None if value is None else 1.0)
+            for name, value in square.items()
+        },
         scale={axis: Scale(value=None, u=None, identified=False) for axis in "XYZ"},
         setups={},
         findings=findings,
-        reversal={name: _function(volume, name, rows, u_um, True) for name, rows in (reversal or {}).items()},
+        reversal={
+            name: _function(volume, name, rows, u_um, True)
+            for name, rows in (reversal or {}).items()
+        },
     )
 
 
-def _function(volume: Volume, name: str, rows: Sequence[float] | None, u: float, slope: bool, unit: str = "um") -> Function:
+def _function(
+    volume: Volume, name: str, rows: Sequence[float] | None, u: float, slope: bool, unit: str = "um"
+) -> Function:
     position = volume.nodes_mm("XYZ".index(name[2]))
     known = rows is not None
     return Function(

@@ -1,7 +1,9 @@
-"""A machine of random errors that drives a planned survey: rigid bodies, a mirror plane and a ray, no formula of the solver.
+"""A machine of random errors that drives a planned survey: rigid bodies, a mirror plane and a ray,
+no formula of the solver.
 
-Chain FXYZ, arms from the low corner of the volume: ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]`` with r_x = (0, y, z), r_y = (0, 0, z),
-r_z = 0. The laser reads ``L = n.(P - S) / (n.u)`` on a mirror, the length along its beam on a retroreflector.
+Chain FXYZ, arms from the low corner of the volume: ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]``
+with r_x = (0, y, z), r_y = (0, 0, z), r_z = 0. The laser reads ``L = n.(P - S) / (n.u)`` on a
+mirror, the length along its beam on a retroreflector.
 """
 
 from dataclasses import dataclass
@@ -17,7 +19,8 @@ SHEARS = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
 
 @dataclass(frozen=True, kw_only=True)
 class RandomMachine:
-    """Errors by axis (first index) and component: waves vanish at both ends of the travel, slopes do not. um, um/m, urad."""
+    """Errors by axis (first index) and component: waves vanish at both ends of the travel, slopes
+    do not. um, um/m, urad."""
 
     size_mm: np.ndarray
     waves_um: np.ndarray
@@ -27,7 +30,8 @@ class RandomMachine:
 
     @classmethod
     def draw(cls, rng, size_mm, *, angle_urad=10.0):
-        """Draw a machine: waves of 5 µm, squareness of 20 urad, scales of 15 µm/m, angles as in the solver's prior."""
+        """Draw a machine: waves of 5 µm, squareness of 20 urad, scales of 15 µm/m, angles as in the
+        solver's prior."""
         slopes = np.diag(rng.normal(0, 15, 3))
         slopes[1, 0], slopes[2, 0], slopes[2, 1] = rng.normal(0, 20, 3)
         return cls(
@@ -41,28 +45,44 @@ class RandomMachine:
     def displacement_um(self, axis, component, at_mm):
         """Return one displacement function at positions from the low corner."""
         along = at_mm / self.size_mm[axis]
-        waves = sum(size * np.sin(np.pi * (k + 1) * along) for k, size in enumerate(self.waves_um[axis, component]))
+        waves = sum(
+            size * np.sin(np.pi * (k + 1) * along)
+            for k, size in enumerate(self.waves_um[axis, component])
+        )
         return waves + 1e-3 * self.slopes[axis, component] * at_mm
 
     def angle_urad(self, axis, component, at_mm):
         """Return one rotation function at positions from the low corner."""
         along = at_mm / self.size_mm[axis]
-        waves = sum(size * np.sin(np.pi * (k + 1) * along) for k, size in enumerate(self.angle_waves_urad[axis, component]))
+        waves = sum(
+            size * np.sin(np.pi * (k + 1) * along)
+            for k, size in enumerate(self.angle_waves_urad[axis, component])
+        )
         return waves + self.angle_line_urad[axis, component] * along
 
     def pose(self, points_mm):
-        """Return the tool's errors at commanded points (N, 3): displacement in mm and rotation in rad, shapes (N, 3)."""
+        """Return the tool's errors at commanded points (N, 3): displacement in mm and rotation in
+        rad, shapes (N, 3)."""
         error, turned = np.zeros_like(points_mm), np.zeros_like(points_mm)
         for axis in range(3):
             at = points_mm[:, axis]
-            turn = np.column_stack([self.angle_urad(axis, component, at) for component in range(3)]) * 1e-6
-            error += np.column_stack([self.displacement_um(axis, component, at) for component in range(3)]) * 1e-3
+            turn = (
+                np.column_stack([self.angle_urad(axis, component, at) for component in range(3)])
+                * 1e-6
+            )
+            error += (
+                np.column_stack(
+                    [self.displacement_um(axis, component, at) for component in range(3)]
+                )
+                * 1e-3
+            )
             error += np.cross(turn, ARMS[axis] * points_mm)
             turned += turn
         return error, turned
 
     def truth(self, name, node, increments):
-        """Return the true value of a quantity by the solver's name: shape at a node, squareness in urad, scale in um/m."""
+        """Return the true value of a quantity by the solver's name: shape at a node, squareness in
+        urad, scale in um/m."""
         if name in SHEARS:
             component, axis, sign = SHEARS[name]
             return sign * (self.slopes[axis, component] + self.slopes[component, axis])
@@ -75,7 +95,8 @@ class RandomMachine:
 
 @dataclass(frozen=True, kw_only=True)
 class Hall:
-    """What else moves the readings, one standard deviation each (``aim_mrad``, ``tilt_mrad``: of each of two directions)."""
+    """What else moves the readings, one standard deviation each (``aim_mrad``, ``tilt_mrad``: of
+    each of two directions)."""
 
     noise_um: float = 0.3
     ramp_um: float = 0.5
@@ -97,10 +118,15 @@ def drive(rng, plan: Plan, machine: RandomMachine, hall: Hall, u_um: float):
     for key, rows in readings.passes().items():
         setup = setup_of(key.setup)
         if key.setup not in aims:
-            aims[key.setup] = rng.normal(0, 1e-3 * hall.tilt_mrad, 3), rng.normal(0, 1e-3 * hall.aim_mrad, 3)
+            aims[key.setup] = (
+                rng.normal(0, 1e-3 * hall.tilt_mrad, 3),
+                rng.normal(0, 1e-3 * hall.aim_mrad, 3),
+            )
         length[rows] = stretched * _pass_mm(readings, rows, setup, machine, *aims[key.setup])
         count = len(rows)
-        walk = np.concatenate([[0.0], np.cumsum(rng.normal(0, hall.wander_um / np.sqrt(count - 1), count - 1))])
+        walk = np.concatenate(
+            [[0.0], np.cumsum(rng.normal(0, hall.wander_um / np.sqrt(count - 1), count - 1))]
+        )
         drift_um = walk + rng.normal(0, hall.ramp_um) * np.linspace(0, 1, count)
         length[rows] += 1e-3 * (drift_um + rng.normal(0, hall.noise_um, count))
         length[rows] -= length[rows[0]]

@@ -1,7 +1,9 @@
-"""Shops with one thing wrong between machine, laser and survey file: bytes and blocks through the real session, in virtual time.
+"""Shops with one thing wrong between machine, laser and survey file: bytes and blocks through the
+real session, in virtual time.
 
-A shop is a drawn machine, what its signals are, and a cause: the statement of the survey file that is not so. The machine and the laser do
-what they do; the survey file states the default. `surveyed` records all of it with real logs, and solves, exports and loads the files.
+A shop is a drawn machine, what its signals are, and a cause: the statement of the survey file that
+is not so. The machine and the laser do what they do; the survey file states the default. `surveyed`
+records all of it with real logs, and solves, exports and loads the files.
 """
 
 import struct
@@ -43,7 +45,8 @@ X, Y, Z = 4, 5, 6
 
 @dataclass(frozen=True)
 class Shop:
-    """One shop: ``cause`` and its ``value`` in words, and what they make of registers, count and times."""
+    """One shop: ``cause`` and its ``value`` in words, and what they make of registers, count and
+    times."""
 
     seed: int
     machine: str
@@ -75,18 +78,34 @@ class Shop:
     compensated: bool = True
     """What the survey file states of the laser's air."""
     air: tuple = AIR
-    """Material and air temperature in 0.01 C, pressure and humidity in 0.1: the contract's registers 10 to 13."""
+    """Material and air temperature in 0.01 C, pressure and humidity in 0.1: the contract's
+    registers 10 to 13."""
     line: str = ""
     """The beginning of the line of the survey file that is wrong; empty where nothing is."""
 
 
 def draw(seed):
-    """Return a drawn shop; every cause comes as often as the others, on every machine on which it can be."""
+    """Return a drawn shop; every cause comes as often as the others, on every machine on which it
+    can be."""
     rng = np.random.default_rng((seed, 40))
-    size = tuple(float(10 * round(value / 10)) for value in rng.uniform((200, 150, 80), (600, 400, 300)))
+    size = tuple(
+        float(10 * round(value / 10)) for value in rng.uniform((200, 150, 80), (600, 400, 300))
+    )
     cause = list(CAUSES)[seed % len(CAUSES)]
-    kinds = ("all",) if cause in NEEDS_POSITIONS else ("all", "stopped", "none") if cause not in NEEDS_SIGNALS else ("all", "stopped")
-    shop = Shop(seed, kinds[(seed // len(CAUSES)) % len(kinds)], cause, size=size, back=bool(rng.integers(2)))
+    kinds = (
+        ("all",)
+        if cause in NEEDS_POSITIONS
+        else ("all", "stopped", "none")
+        if cause not in NEEDS_SIGNALS
+        else ("all", "stopped")
+    )
+    shop = Shop(
+        seed,
+        kinds[(seed // len(CAUSES)) % len(kinds)],
+        cause,
+        size=size,
+        back=bool(rng.integers(2)),
+    )
     return CAUSES[cause](shop, rng)
 
 
@@ -98,14 +117,20 @@ def _offset(shop, rng):
     at = int(rng.integers(3))
     shift = float(np.round(rng.uniform(5, 400) * rng.choice([-1, 1]), 3))
     axis = "xyz"[at]
-    return replace(shop, value=f"{axis} {shift:g}", line=f"plc.signals.{axis}_mm.offset",
-                   map=lambda place: tuple(np.asarray(place) + shift * np.eye(3)[at]))  # fmt: skip
+    return replace(
+        shop,
+        value=f"{axis} {shift:g}",
+        line=f"plc.signals.{axis}_mm.offset",
+        map=lambda place: tuple(np.asarray(place) + shift * np.eye(3)[at]),
+    )
 
 
 def _sign(shop, rng):
     at = int(rng.integers(3))
     factors = np.where(np.arange(3) == at, -1.0, 1.0)
-    return replace(shop, value="xyz"[at], map=_scaled(factors), line=f"plc.signals.{'xyz'[at]}_mm.scale")
+    return replace(
+        shop, value="xyz"[at], map=_scaled(factors), line=f"plc.signals.{'xyz'[at]}_mm.scale"
+    )
 
 
 def _factor(shop, rng):
@@ -115,7 +140,12 @@ def _factor(shop, rng):
 
 def _permuted(shop, rng):
     to = [(1, 0, 2), (0, 2, 1), (2, 1, 0), (1, 2, 0)][int(rng.integers(4))]
-    return replace(shop, value=str(to), map=lambda place: tuple(np.asarray(place)[list(to)]), line="plc.signals.")
+    return replace(
+        shop,
+        value=str(to),
+        map=lambda place: tuple(np.asarray(place)[list(to)]),
+        line="plc.signals.",
+    )
 
 
 def _togo(shop, _):
@@ -132,7 +162,12 @@ def _diameter(shop, _):
 
 def _codes(shop, rng):
     shift = int(rng.choice([1, 10, 100]))
-    return replace(shop, value=f"+{shift}", codes=lambda code: code + shift if code else 0, line="plc.signals.setup")
+    return replace(
+        shop,
+        value=f"+{shift}",
+        codes=lambda code: code + shift if code else 0,
+        line="plc.signals.setup",
+    )
 
 
 def _stuck(shop, _):
@@ -170,15 +205,21 @@ def _bit_early(shop, rng):
 
 def _other_box(shop, rng):
     at = int(rng.integers(3))
-    size = tuple(value + (10.0 * round(float(rng.uniform(2, 6))) if at == axis else 0.0) for axis, value in enumerate(shop.size))
+    size = tuple(
+        value + (10.0 * round(float(rng.uniform(2, 6))) if at == axis else 0.0)
+        for axis, value in enumerate(shop.size)
+    )
     return replace(shop, value=f"{size}", driven_size=size, line="volume.size_mm")
 
 
 def _other_diagonal(shop, rng):
-    """The programs of two diagonals are called in each other's place: by one pass that cannot be told from a wrong code."""
+    """The programs of two diagonals are called in each other's place: by one pass that cannot be
+    told from a wrong code."""
     first, second = (DIAGONALS[at] for at in rng.permutation(4)[:2])
     line = "plc.signals.setup" if shop.machine == "all" else "plan.setups"
-    return replace(shop, value=f"{first} {second}", swapped=((first, second), (second, first)), line=line)
+    return replace(
+        shop, value=f"{first} {second}", swapped=((first, second), (second, first)), line=line
+    )
 
 
 def _bit_late(shop, rng):
@@ -205,20 +246,42 @@ def _air_twice(shop, _):
 
 
 def _expansion_twice(shop, rng):
-    """The laser has brought its readings to 20 C, and the file states that this remains to be done."""
+    """The laser has brought its readings to 20 C, and the file states that this remains to be
+    done."""
     warm = int(rng.integers(3000, 3500))
-    return replace(shop, value=f"{warm / 100:g} C", expands=True, air=(warm, *AIR[1:]), line="machine.apply_expansion")
+    return replace(
+        shop,
+        value=f"{warm / 100:g} C",
+        expands=True,
+        air=(warm, *AIR[1:]),
+        line="machine.apply_expansion",
+    )
 
 
 def _wavelength(shop, rng):
     """The file states a wavelength in vacuum that is another laser's, or that in air."""
-    stated_nm, true_nm = [(632.8, 632.991), (632.991, 543.5), (632.991, 1550.0), (632.991, 780.24)][int(rng.integers(4))]
-    return replace(shop, value=f"{true_nm:g} nm", factor=stated_nm / true_nm, wavelength_nm=stated_nm, line="laser.")
+    stated_nm, true_nm = [(632.8, 632.991), (632.991, 543.5), (632.991, 1550.0), (632.991, 780.24)][
+        int(rng.integers(4))
+    ]
+    return replace(
+        shop,
+        value=f"{true_nm:g} nm",
+        factor=stated_nm / true_nm,
+        wavelength_nm=stated_nm,
+        line="laser.",
+    )
 
 
 def _pressure(shop, rng):
     unit, shown = [("kPa", 1013), ("mmHg", 7600), ("inHg", 299)][int(rng.integers(3))]
-    return replace(shop, value=unit, compensated=False, factor=INDEX, air=(2010, 2150, shown, 455), line="plc.signals.air_pressure")
+    return replace(
+        shop,
+        value=unit,
+        compensated=False,
+        factor=INDEX,
+        air=(2010, 2150, shown, 455),
+        line="plc.signals.air_pressure",
+    )
 
 
 def _one_fault(shop, rng):
@@ -241,13 +304,34 @@ def _one_fault(shop, rng):
 
 
 CAUSES = {
-    "nothing": lambda shop, _: shop, "offset": _offset, "sign": _sign, "factor": _factor, "permutation": _permuted,
-    "distance to go": _togo, "actual position": _actual, "diameter": _diameter, "codes shifted": _codes, "codes stuck": _stuck,
-    "axis order": _order, "laser sign": _laser_sign, "optics factor": _optics, "laser late": _laser_late, "plc late": _plc_late,
-    "stop bit early": _bit_early, "other box": _other_box, "other diagonal": _other_diagonal,
-    "stop bit late": _bit_late, "rate": _rate, "no overrun": _no_overrun, "air never": _air_never, "air twice": _air_twice,
-    "wavelength": _wavelength, "pressure": _pressure, "one fault": _one_fault, "expansion twice": _expansion_twice,
-}  # fmt: skip
+    "nothing": lambda shop, _: shop,
+    "offset": _offset,
+    "sign": _sign,
+    "factor": _factor,
+    "permutation": _permuted,
+    "distance to go": _togo,
+    "actual position": _actual,
+    "diameter": _diameter,
+    "codes shifted": _codes,
+    "codes stuck": _stuck,
+    "axis order": _order,
+    "laser sign": _laser_sign,
+    "optics factor": _optics,
+    "laser late": _laser_late,
+    "plc late": _plc_late,
+    "stop bit early": _bit_early,
+    "other box": _other_box,
+    "other diagonal": _other_diagonal,
+    "stop bit late": _bit_late,
+    "rate": _rate,
+    "no overrun": _no_overrun,
+    "air never": _air_never,
+    "air twice": _air_twice,
+    "wavelength": _wavelength,
+    "pressure": _pressure,
+    "one fault": _one_fault,
+    "expansion twice": _expansion_twice,
+}
 NEEDS_POSITIONS = (
     "offset",
     "sign",
@@ -273,15 +357,25 @@ class ShopBench(Bench):
         t, value, beam = super().columns()
         late = round(self.shop.laser_late_s * self.rate_hz)
         if late:
-            value, beam = np.concatenate([np.full(late, value[0]), value[:-late]]), np.concatenate([beam[:late], beam[:-late]])
+            value, beam = (
+                np.concatenate([np.full(late, value[0]), value[:-late]]),
+                np.concatenate([beam[:late], beam[:-late]]),
+            )
         return t, self.shop.factor * value, beam
 
     def reading(self, t):
-        """Return the laser's true reading; a machine that did not move between two standstills does not swing at the second."""
+        """Return the laser's true reading; a machine that did not move between two standstills does
+        not swing at the second."""
         kept, joined = self.stops, []
         for stop in kept:
-            if joined and joined[-1].position == stop.position and joined[-1].reading == stop.reading:
-                joined[-1] = replace(joined[-1], seconds=joined[-1].seconds + self.move_s + stop.seconds)
+            if (
+                joined
+                and joined[-1].position == stop.position
+                and joined[-1].reading == stop.reading
+            ):
+                joined[-1] = replace(
+                    joined[-1], seconds=joined[-1].seconds + self.move_s + stop.seconds
+                )
             else:
                 joined.append(stop)
         self.stops = joined
@@ -299,14 +393,19 @@ class ShopBench(Bench):
         if shop.codes is not None:
             told[3] = shop.codes(told[3])
         if shop.map is not None:
-            shown = np.clip(np.round(np.asarray(shop.map(np.array(told[X : Z + 1]) * 1e-4)) * 1e4), -(2**31), 2**31 - 1)
+            shown = np.clip(
+                np.round(np.asarray(shop.map(np.array(told[X : Z + 1]) * 1e-4)) * 1e4),
+                -(2**31),
+                2**31 - 1,
+            )
             told[X : Z + 1] = [int(value) for value in shown]
         return struct.pack(CONTRACT, *told)
 
 
 @dataclass
 class Surveyed:
-    """What became of a shop's survey: the findings at the passes' stops in order, with the number of stops driven before each."""
+    """What became of a shop's survey: the findings at the passes' stops in order, with the number
+    of stops driven before each."""
 
     shop: Shop
     findings: list
@@ -320,13 +419,23 @@ class Surveyed:
 
 def survey_of(shop, *, increments=2):
     """Return the survey file that the shop has written: what is wrong in the shop is not in it."""
-    text = survey_file(size=shop.size, n=increments, back=shop.back, signals=MACHINES[shop.machine] if shop.machine != "none" else "")
+    text = survey_file(
+        size=shop.size,
+        n=increments,
+        back=shop.back,
+        signals=MACHINES[shop.machine] if shop.machine != "none" else "",
+    )
     text = text.replace("dwell_s = 0.8", f"dwell_s = {DWELL_S}")
-    text = text.replace("compensated = true", f"compensated = {str(shop.compensated).lower()}\nwavelength_nm = {shop.wavelength_nm}")
+    text = text.replace(
+        "compensated = true",
+        f"compensated = {str(shop.compensated).lower()}\nwavelength_nm = {shop.wavelength_nm}",
+    )
     if shop.expands:
         text = text.replace("[machine]\n", "[machine]\napply_expansion = true\n", 1)
     if shop.machine == "none":
-        text = text.replace("poll_hz = 40", 'transport = "none"') + '[environment]\nsource = "fixed"\n'
+        text = (
+            text.replace("poll_hz = 40", 'transport = "none"') + '[environment]\nsource = "fixed"\n'
+        )
     return text
 
 
@@ -360,11 +469,22 @@ def surveyed(shop, folder, *, text=None, files=True):
             said.append(outcome)
             after.append(int(np.searchsorted(ends, clock[0] * 1e-9)))
 
-    session = Session(survey, text, Round(logs, {}), DirectSink(), on_outcome=heard, wall_offset_ns=lambda: WALL_OFFSET_NS)
+    session = Session(
+        survey,
+        text,
+        Round(logs, {}),
+        DirectSink(),
+        on_outcome=heard,
+        wall_offset_ns=lambda: WALL_OFFSET_NS,
+    )
     events = program.events(bench=bench, rate_hz=RATE_HZ * shop.rate)
     schedule = Bench(program.stops, move_s=0.3).schedule()
     ends = [end for (_, end), stop in zip(schedule, program.stops, strict=True) if stop.shown]
-    starts = [(schedule[at][1] - 0.05, setup) for at, setup in zip(begun, SETUPS, strict=True)] if survey.plc.silent else []
+    starts = (
+        [(schedule[at][1] - 0.05, setup) for at, setup in zip(begun, SETUPS, strict=True)]
+        if survey.plc.silent
+        else []
+    )
     for event in events:
         clock[0] = arrival(event)
         if starts and clock[0] * 1e-9 >= starts[0][0] and not session.recording:
@@ -374,7 +494,14 @@ def surveyed(shop, folder, *, text=None, files=True):
         session.consume(event)
     session.close("the bench has ended")
     done = sum(each.whole for each in session.book.passes)
-    found = Surveyed(shop, said, after, len(ends), done, len(survey.plan.all_setups) * survey.plan.passes_per_setup)
+    found = Surveyed(
+        shop,
+        said,
+        after,
+        len(ends),
+        done,
+        len(survey.plan.all_setups) * survey.plan.passes_per_setup,
+    )
     if files and session.book.complete():
         found.files = judged(folder, logs, machine, shop.size)
     return found
@@ -396,11 +523,15 @@ bit = 1
 {positions}
 """
 SETUP_SIGNAL = "[plc.signals.setup]\naddress = 3\noffset = {offset}\n"
-POSITION = '[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = {scale!r}\noffset = {offset!r}\n'
+POSITION = (
+    '[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = {scale!r}\noffset = '
+    "{offset!r}\n"
+)
 
 
 def corrected(shop, text):
-    """Return the survey file with the shop's cause put right: worked out from the cause, not from what the program names."""
+    """Return the survey file with the shop's cause put right: worked out from the cause, not from
+    what the program names."""
     exchanged = [dict(shop.swapped).get(setup, setup) for setup in SETUPS]
     lines = {
         "axis order": ("increments = 2\n", f'increments = 2\naxis_order = "{shop.order}"\n'),
@@ -412,19 +543,38 @@ def corrected(shop, text):
         "expansion twice": ("apply_expansion = true\n", ""),
         "stop bit early": ("settle_s = 0.15", f"settle_s = {0.15 + shop.bit_early_s!r}"),
         "other diagonal": (str(list(SETUPS)).replace("'", '"'), str(exchanged).replace("'", '"')),
-        "laser late": ("compensated = true\n", f"compensated = true\nlatency_s = {shop.laser_late_s!r}\n"),
+        "laser late": (
+            "compensated = true\n",
+            f"compensated = true\nlatency_s = {shop.laser_late_s!r}\n",
+        ),
         "plc late": ("poll_hz = 40\n", f"poll_hz = 40\nlatency_s = {shop.plc_late_s!r}\n"),
     }
     if shop.cause in lines:
         return text.replace(*lines[shop.cause], 1)
-    shown = [np.asarray(shop.map(place) if shop.map else place, dtype=float) for place in (np.zeros(3), *100.0 * np.eye(3))]
+    shown = [
+        np.asarray(shop.map(place) if shop.map else place, dtype=float)
+        for place in (np.zeros(3), *100.0 * np.eye(3))
+    ]
     positions = []
     for axis in range(3):
         register = int(np.argmax([abs(shown[1 + axis][at] - shown[0][at]) for at in range(3)]))
         factor = (shown[1 + axis][register] - shown[0][register]) / 100.0
         if factor:
             offset = -shown[0][register] / factor
-            positions.append(POSITION.format(axis="xyz"[axis], address=4 + 2 * register, scale=float(1e-4 / factor), offset=float(offset)))
-    setup = "" if shop.cause == "codes stuck" else SETUP_SIGNAL.format(offset=float(1 - shop.codes(1)) if shop.codes else 0.0)
-    signals = CONTRACT_MAP.format(setup=setup, positions="".join(positions) if len(positions) == 3 else "")
+            positions.append(
+                POSITION.format(
+                    axis="xyz"[axis],
+                    address=4 + 2 * register,
+                    scale=float(1e-4 / factor),
+                    offset=float(offset),
+                )
+            )
+    setup = (
+        ""
+        if shop.cause == "codes stuck"
+        else SETUP_SIGNAL.format(offset=float(1 - shop.codes(1)) if shop.codes else 0.0)
+    )
+    signals = CONTRACT_MAP.format(
+        setup=setup, positions="".join(positions) if len(positions) == 3 else ""
+    )
     return text.replace("[stop]", signals + "[stop]", 1)

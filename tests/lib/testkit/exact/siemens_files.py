@@ -1,4 +1,5 @@
-"""The worked example of the controllers' reference (section 12) as SINUMERIK files: the screw that is too short everywhere, and a sag."""
+"""The worked example of the controllers' reference (section 12) as SINUMERIK files: the screw that
+is too short everywhere, and a sag."""
 
 EEC_GOLDEN = """\
 %_N_AX_EEC_INI
@@ -64,6 +65,7 @@ warn_value_um = 500.0
 """
     + HALL_AXES
 )
-"""The hall's machine as it was measured without compensation, its limits wide enough for what a drawn machine needs."""
+"""The hall's machine as it was measured without compensation, its limits wide enough for what a
+drawn machine needs."""
 HALL_EXPORT = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
 """What the hall's survey exports, by the profile beside it."""

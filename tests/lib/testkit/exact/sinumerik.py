@@ -1,7 +1,9 @@
-"""A SINUMERIK as far as part programs see it: variables, switches and weights as state, and the statements of loading and reading back.
+"""A SINUMERIK as far as part programs see it: variables, switches and weights as state, and the
+statements of loading and reading back.
 
-Written from the meaning of the statements (assignments, IF .. GOTOF, FOR .. ENDFOR, WRITE, DELETE, STOPRE, NEWCONF), it shares no code with
-the product. A table may be written only while its switch is off.
+Written from the meaning of the statements (assignments, IF .. GOTOF, FOR .. ENDFOR, WRITE, DELETE,
+STOPRE, NEWCONF), it shares no code with the product. A table may be written only while its switch
+is off.
 """
 
 import re
@@ -14,7 +16,8 @@ _IF = re.compile(r"^IF (.+?)(==|<>|<)(.+) GOTOF (\w+)$")
 
 @dataclass
 class Sinumerik:
-    """``held`` are the variables by their whole name; ``machine`` those that stand in machine data and are not written by programs."""
+    """``held`` are the variables by their whole name; ``machine`` those that stand in machine data
+    and are not written by programs."""
 
     held: dict[str, str] = field(default_factory=dict)
     machine: Mapping[str, str] = field(default_factory=dict)
@@ -31,7 +34,10 @@ class Sinumerik:
 
     def run(self, text: str) -> None:
         """Run a part program to its end, or to the reset."""
-        lines = [line.partition(";")[0].strip() if '"' not in line else line.strip() for line in text.splitlines()]
+        lines = [
+            line.partition(";")[0].strip() if '"' not in line else line.strip()
+            for line in text.splitlines()
+        ]
         lines = [line for line in lines if line and not line.startswith(";")]
         local: dict[str, str] = {}
         at, done, loops = 0, 0, []
@@ -44,10 +50,15 @@ class Sinumerik:
                 return
             if line.startswith("IF (ABS("):
                 tests = re.findall(r"\(ABS\((\w+)-\((\S+?)\)\)>(\S+?)\)", line)
-                if all(abs(float(local[name]) - float(less)) > float(most) for name, less, most in tests):
+                if all(
+                    abs(float(local[name]) - float(less)) > float(most)
+                    for name, less, most in tests
+                ):
                     at = lines.index(f"{line.split()[-1]}:") + 1
             elif match := re.match(r"^(\w+)=\1\+\((\w+)\+1\)\*(\$.+)$", line):
-                local[match[1]] = f"{float(local[match[1]]) + (float(local[match[2]]) + 1) * float(self._value(match[3], local)):.9f}"
+                local[match[1]] = (
+                    f"{float(local[match[1]]) + (float(local[match[2]]) + 1) * float(self._value(match[3], local)):.9f}"  # noqa: E501
+                )
             elif match := _IF.match(line):
                 one, two = (float(self._value(each, local)) for each in (match[1], match[3]))
                 if {"==": one == two, "<>": one != two, "<": one < two}[match[2]]:
@@ -91,12 +102,18 @@ class Sinumerik:
             local[name] = value.strip('"') if value.startswith('"') else self._value(value, local)
             return
         place = self._indexed(name, local)
-        switch = {"$AN_CEC": "$SN_CEC_TABLE_ENABLE[{}]", "$AA_ENC": "$MA_ENC_COMP_ENABLE[{}]"}.get(place[:7])
+        switch = {"$AN_CEC": "$SN_CEC_TABLE_ENABLE[{}]", "$AA_ENC": "$MA_ENC_COMP_ENABLE[{}]"}.get(
+            place[:7]
+        )
         if switch is not None:
             index = place[place.index("[") + 1 : -1].split(",")
             key = f"{index[0]},{index[-1]}" if place.startswith("$AA") else index[0]
-            assert self.held.get(switch.format(key), "0") == "0", f"{place} written while its table acts"
-        self.held[place] = {"TRUE": "1", "FALSE": "0"}.get(value, value if value.startswith("(") else self._value(value, local))
+            assert self.held.get(switch.format(key), "0") == "0", (
+                f"{place} written while its table acts"
+            )
+        self.held[place] = {"TRUE": "1", "FALSE": "0"}.get(
+            value, value if value.startswith("(") else self._value(value, local)
+        )
 
     def _indexed(self, name: str, local: Mapping[str, str]) -> str:
         head, _, index = name.partition("[")

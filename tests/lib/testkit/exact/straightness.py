@@ -9,7 +9,8 @@ STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 
 
 def straightness(bench, seed, u_um=0.5, approaches=(1, -1)):
-    """What a head on the machine's table sees at the tool, with a line of its own in every pass (theory 2.2: exact kinematics)."""
+    """What a head on the machine's table sees at the tool, with a line of its own in every pass
+    (theory 2.2: exact kinematics)."""
     rng = np.random.default_rng(seed)
     machine, measured = bench.machine, []
     nodes = bench.increments + 1
@@ -22,6 +23,12 @@ def straightness(bench, seed, u_um=0.5, approaches=(1, -1)):
             line = rng.normal(0.0, 20.0) + rng.normal(0.0, 20.0) * np.linspace(0.0, 1.0, nodes)
             value = true + line + rng.normal(0.0, u_um, nodes)
             measured.append(
-                MeasuredStraightness(name=name, position_mm=points[:, axis], value_um=value, u_um=np.full(nodes, u_um), approach=approach)
+                MeasuredStraightness(
+                    name=name,
+                    position_mm=points[:, axis],
+                    value_um=value,
+                    u_um=np.full(nodes, u_um),
+                    approach=approach,
+                )
             )
     return measured

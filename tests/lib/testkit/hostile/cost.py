@@ -59,18 +59,32 @@ def most_remarks(text: str) -> str:
 
 
 def _in_the_middle(text: str, more: str) -> str:
-    half = text.find(" = ", len(text) // 2) + 3 if " = " in text[len(text) // 2 :] else text.find(",", len(text) // 2) + 1
+    half = (
+        text.find(" = ", len(text) // 2) + 3
+        if " = " in text[len(text) // 2 :]
+        else text.find(",", len(text) // 2) + 1
+    )
     return text[:half] + more + text[half:]
 
 
 GROWN: Mapping[str, Callable[[str], str]] = {
     each.__name__: each
-    for each in (longest_line, deepest, most_lines, shortest_lines, most_columns, most_quotes, most_blanks, most_remarks)
+    for each in (
+        longest_line,
+        deepest,
+        most_lines,
+        shortest_lines,
+        most_columns,
+        most_quotes,
+        most_blanks,
+        most_remarks,
+    )
 }
 
 
 def cost_of(door: Door, folder: Path) -> str:
-    """Return what went wrong, empty where nothing did: the command runs in a copy of this process, which ends where it costs too much."""
+    """Return what went wrong, empty where nothing did: the command runs in a copy of this process,
+    which ends where it costs too much."""
     folder.mkdir()
     child = os.fork()
     if child == 0:
@@ -82,7 +96,11 @@ def cost_of(door: Door, folder: Path) -> str:
     _, status, used = os.wait4(child, 0)
     if os.WIFSIGNALED(status):
         return f"ended by signal {os.WTERMSIG(status)} after {used.ru_utime + used.ru_stime:.1f} s"
-    return "" if os.waitstatus_to_exitcode(status) in ENDED else f"exit code {os.waitstatus_to_exitcode(status)}"
+    return (
+        ""
+        if os.waitstatus_to_exitcode(status) in ENDED
+        else f"exit code {os.waitstatus_to_exitcode(status)}"
+    )
 
 
 def _within_limits(door: Door, folder: Path) -> int:

@@ -1,4 +1,5 @@
-"""Logs of few bytes that cost as much as they can: right checksums, right messages, and no more of them than a reader must put up with."""
+"""Logs of few bytes that cost as much as they can: right checksums, right messages, and no more of
+them than a reader must put up with."""
 
 import json
 import struct
@@ -17,19 +18,27 @@ from testkit.hostile.foreign_logs import contents, log_of, recorded
 
 _CHUNK_BYTES = 15_000_000
 _CHUNK, _MESSAGE, _CHANNEL, _PRIVATE, _SUMMARY = 6, 5, 4, 0x80, (15, 8, 10, 11, 13, 14, 2)
-"""Kinds of record (the MCAP specification, "Records"); those behind the data would have to be made anew, and nobody needs them."""
+"""Kinds of record (the MCAP specification, "Records"); those behind the data would have to be made
+anew, and nobody needs them."""
 
 
 def widest_polls(size: int) -> bytes:
     """Polls with as many ranges as there may be, that all say the same."""
     asked = "|".join(f"holding {address} 1" for address in range(MOST_RANGES))
     answers = "|".join(["0001"] * MOST_RANGES)
-    return _filled(size, "/machine/raw", lambda first: _polls(first, 10_000, asked, answers), 10_000)
+    return _filled(
+        size, "/machine/raw", lambda first: _polls(first, 10_000, asked, answers), 10_000
+    )
 
 
 def most_polls(size: int) -> bytes:
     """Polls of one register, as many as there may be in a message."""
-    return _filled(size, "/machine/raw", lambda first: _polls(first, MOST_EVENTS, "holding 0 1", "0001"), MOST_EVENTS)
+    return _filled(
+        size,
+        "/machine/raw",
+        lambda first: _polls(first, MOST_EVENTS, "holding 0 1", "0001"),
+        MOST_EVENTS,
+    )
 
 
 def most_events(size: int) -> bytes:
@@ -48,7 +57,8 @@ def most_texts(size: int) -> bytes:
 
 
 COSTLY: Mapping[str, Callable[[int], bytes]] = {
-    each.__name__: cache(each) for each in (widest_polls, most_polls, most_events, most_samples, most_texts)
+    each.__name__: cache(each)
+    for each in (widest_polls, most_polls, most_events, most_samples, most_texts)
 }
 
 
@@ -60,7 +70,12 @@ def _line() -> str:
 
 def _polls(first: int, count: int, asked: str, answers: str) -> dict[str, object]:
     after = [20_000 * number for number in range(count)]
-    return _batch(first, count) | {"recv_us": after, "answer_us": [1000] * count, "ranges": asked, "data": [answers] * count}
+    return _batch(first, count) | {
+        "recv_us": after,
+        "answer_us": [1000] * count,
+        "ranges": asked,
+        "data": [answers] * count,
+    }
 
 
 def _chunks(first: int, count: int, text: str) -> dict[str, object]:
@@ -69,24 +84,45 @@ def _chunks(first: int, count: int, text: str) -> dict[str, object]:
 
 def _batch(first: int, count: int) -> dict[str, object]:
     begins = first * 1_000_000
-    return {"time": {"sec": first, "nsec": 0}, "t_mono_ns": str(begins), "order": first, "skip": [0], "run": [count]}
+    return {
+        "time": {"sec": first, "nsec": 0},
+        "t_mono_ns": str(begins),
+        "order": first,
+        "skip": [0],
+        "run": [count],
+    }
 
 
-def _filled(size: int, topic: str, message: Callable[[int], dict[str, object]], events: int) -> bytes:
-    """Return the short log with one message after another behind its own, padded so that no chunk unpacks to more than its bytes allow."""
+def _filled(
+    size: int, topic: str, message: Callable[[int], dict[str, object]], events: int
+) -> bytes:
+    """Return the short log with one message after another behind its own, padded so that no chunk
+    unpacks to more than its bytes allow."""
     whole = log_of(contents(recorded()))
     records = list(_records(whole))
-    channel = next(struct.unpack("<H", body[:2])[0] for kind, body in _inside(records) if kind == _CHANNEL and topic.encode() in body)
+    channel = next(
+        struct.unpack("<H", body[:2])[0]
+        for kind, body in _inside(records)
+        if kind == _CHANNEL and topic.encode() in body
+    )
     first = _events(whole)
     out = [whole[:8], *(_record(kind, body) for kind, body in records if kind not in _SUMMARY)]
     while sum(map(len, out)) < size:
         messages: list[bytes] = []
         while not messages or sum(map(len, messages)) + len(messages[-1]) < _CHUNK_BYTES:
-            messages.append(_record(_MESSAGE, struct.pack("<HIQQ", channel, 0, 0, 0) + msgspec.json.encode(message(first))))
+            messages.append(
+                _record(
+                    _MESSAGE,
+                    struct.pack("<HIQQ", channel, 0, 0, 0) + msgspec.json.encode(message(first)),
+                )
+            )
             first += events
         data = b"".join(messages)
         packed = _chunk(data)
-        out += [_record(_PRIVATE, bytes(max(0, len(data) // MOST_UNPACKED_PER_BYTE - len(packed)))), packed]
+        out += [
+            _record(_PRIVATE, bytes(max(0, len(data) // MOST_UNPACKED_PER_BYTE - len(packed)))),
+            packed,
+        ]
     return b"".join(out)
 
 
@@ -121,5 +157,10 @@ def _record(kind: int, body: bytes) -> bytes:
 def _chunk(data: bytes) -> bytes:
     packed = zstandard.compress(data, 6)
     return _record(
-        _CHUNK, struct.pack("<QQQI", 0, 0, len(data), 0) + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+        _CHUNK,
+        struct.pack("<QQQI", 0, 0, len(data), 0)
+        + struct.pack("<I", 4)
+        + b"zstd"
+        + struct.pack("<Q", len(packed))
+        + packed,
     )

@@ -1,4 +1,5 @@
-"""A file door of the command line: a command, the files that it is given, and the one of them that somebody else wrote."""
+"""A file door of the command line: a command, the files that it is given, and the one of them that
+somebody else wrote."""
 
 import random
 from collections.abc import Callable
@@ -27,10 +28,12 @@ Change = Callable[[str, random.Random], str]
 
 @dataclass(frozen=True)
 class Door:
-    """A command, the files it is given as text, the one of them that is wrong, and how. ``bytes_beside`` are right and no text.
+    """A command, the files it is given as text, the one of them that is wrong, and how.
+    ``bytes_beside`` are right and no text.
 
-    A name of `MADE` stands for a log that is made of the text. ``reads`` is what a command that does not end by itself, or asks a person,
-    does with its files; it is called in their folder in place of the command.
+    A name of `MADE` stands for a log that is made of the text. ``reads`` is what a command that
+    does not end by itself, or asks a person, does with its files; it is called in their folder in
+    place of the command.
     """
 
     command: tuple[str, ...]
@@ -72,14 +75,23 @@ def _told(reads: Callable[[], object]) -> Told:
     try:
         return Told(0, str(reads()), "")
     except StepdiagError as refusal:
-        return Told(next(code for cause, code in EXIT_CODES.items() if isinstance(refusal, cause)), "", str(refusal))
+        return Told(
+            next(code for cause, code in EXIT_CODES.items() if isinstance(refusal, cause)),
+            "",
+            str(refusal),
+        )
 
 
 def how_it_broke(door: Door, folder: Path) -> str:
-    """Go through a door; return where the command did not end as the contract says, empty where it did."""
+    """Go through a door; return where the command did not end as the contract says, empty where it
+    did."""
     told = door.go_through(folder)
     ours = {Path(place).name for place in door.files}
-    left = [path.name for path in folder.rglob("*") if path.name.startswith(".") and path.is_file() and path.name not in ours]
+    left = [
+        path.name
+        for path in folder.rglob("*")
+        if path.name.startswith(".") and path.is_file() and path.name not in ours
+    ]
     wrong = {
         f"exit code {told.code}": told.code not in {0, 2, 3, 5},
         "a refusal without a reason": told.code != 0 and not told.refusal and not told.out,

@@ -1,6 +1,8 @@
-"""what somebody else may hand to the program, one target for each kind of file or stream: the worst that may happen is a refusal.
+"""what somebody else may hand to the program, one target for each kind of file or stream: the worst
+that may happen is a refusal.
 
-A target does with the bytes all that the program would do: what a reader lets pass must not bring down what comes after it.
+A target does with the bytes all that the program would do: what a reader lets pass must not bring
+down what comes after it.
 """
 
 import asyncio
@@ -45,7 +47,13 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.fourdof.calibrated import calibrated
-from stepdiag.fourdof.commissioning import calibrate_axis, compare_curves, parse_curves, parse_stage_run, stability_of
+from stepdiag.fourdof.commissioning import (
+    calibrate_axis,
+    compare_curves,
+    parse_curves,
+    parse_stage_run,
+    stability_of,
+)
 from stepdiag.fourdof.record import read_head_csv
 from stepdiag.page.app import Page
 from stepdiag.page.messages import PageSettings
@@ -74,35 +82,59 @@ FORMATS = {
     "ids3010": Ids3010Settings(),
     "lasertex": LasertexSettings(),
     "qudis": QudisSettings(),
-    "frames": FramesSettings(sync="AA55", layout=("counter u16", "position i32", "beam f32", "status u8"), unit="nm"),
+    "frames": FramesSettings(
+        sync="AA55", layout=("counter u16", "position i32", "beam f32", "status u8"), unit="nm"
+    ),
     "elcomat": AnglesSettings(pattern=ELCOMAT, unit="arcsec"),
     "wyler": AnglesSettings(pattern=WYLER, unit="mrad", request="P"),
 }
-STREAM = b"1500 1500 1000 3 9 1 8 100000\r\n1500 1499 1001 1 9 2 10 6000\r\n1500 0 1002 1 9 3 0 0\r\n+1.234 17 0.9\r\n+   12.3456 \r\n"
-LASER = Lasertex(lambda: Climate(air_c=20.0, material_c=20.0, pressure_hpa=1013.0, humidity_percent=50.0))
+STREAM = (
+    b"1500 1500 1000 3 9 1 8 100000\r\n1500 1499 1001 1 9 2 10 6000\r\n1500 0 1002 1 9 3 0 "
+    b"0\r\n+1.234 17 0.9\r\n+   12.3456 \r\n"
+)
+LASER = Lasertex(
+    lambda: Climate(air_c=20.0, material_c=20.0, pressure_hpa=1013.0, humidity_percent=50.0)
+)
 LASER.respond(LasertexDecoder.greeting)
 HEIGHTS = np.linspace(0.0, 1.0, 8)
 STREAMS = {
-    "ids3010": b'{"jsonrpc": "2.0", "result": [0, 640, 500], "id": 2}\r\n{"jsonrpc": "2.0", "result": [0, 1, 1234567890, 3], "id": 1}\r\n',
+    "ids3010": b'{"jsonrpc": "2.0", "result": [0, 640, 500], "id": 2}\r\n{"jsonrpc": "2.0", '
+    b'"result": [0, 1, 1234567890, 3], "id": 1}\r\n',
     "lasertex": LASER.encode(HEIGHTS, HEIGHTS > 0.2),
-    "frames": b"".join(b"\xaa\x55" + struct.pack("<HifB", number, 1000 * number, 0.9, 0) for number in range(8)),
-    "qudis": struct.pack("<7i", 24, 3, 0x0773, 0, 1, 0, 1) + struct.pack("<5i4I", 32, 4, 0x0F00, 7, 0, 5, 1 << 31, 9, 1 << 31),
+    "frames": b"".join(
+        b"\xaa\x55" + struct.pack("<HifB", number, 1000 * number, 0.9, 0) for number in range(8)
+    ),
+    "qudis": struct.pack("<7i", 24, 3, 0x0773, 0, 1, 0, 1)
+    + struct.pack("<5i4I", 32, 4, 0x0F00, 7, 0, 5, 1 << 31, 9, 1 << 31),
     "elcomat": b"3 013 1.234 -0.567\r3 011 1.235 -0.567\r",
     "wyler": b"A 0.0123 mm/m\rA 0.0124 mm/m\r",
 }
 """Of the formats that `STREAM` means nothing to."""
-MESSAGE = b'{"time":{"sec":1,"nsec":2},"t_mono_ns":"5","order":0,"skip":[0],"run":[1],"after_us":[0],"data":["x"]}'
-ANGLES = b"axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,2,,0.1\nx,300,2,3,4,0.1\n"
+MESSAGE = (
+    b'{"time":{"sec":1,"nsec":2},"t_mono_ns":"5","order":0,"skip":[0],"run":[1],"after_us":[0],'
+    b'"data":["x"]}'
+)
+ANGLES = (
+    b"axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,2,,0.1\nx,300,2,3,"
+    b"4,0.1\n"
+)
 CURVES = b"position_mm,EYX_um,EBX_arcsec,ECX_urad\n0,0,0,0\n100,1.5,2,3\n200,-1,0.5,\n300,0,0,1\n"
-STAGE = b"reading,reference_um\n" + b"".join(b"%.2f,%d\n" % (0.1 * step, 65 * step) for step in range(-6, 7))
+STAGE = b"reading,reference_um\n" + b"".join(
+    b"%.2f,%d\n" % (0.1 * step, 65 * step) for step in range(-6, 7)
+)
 
 
 def wobble(qd_x: float, qd_y: float) -> bytes:
-    """Samples of a head that stands while the laser's pointing wobbles; the QD's spot moves in proportion to its distance."""
+    """Samples of a head that stands while the laser's pointing wobbles; the QD's spot moves in
+    proportion to its distance."""
     rows = (
-        f"{0.5 * n:.1f},{qd_x * n:.0f},{qd_y * n:.0f},1000000,{50 * n},{70 * n},1000000,{-50 * n},{-70 * n},1000000\n" for n in range(8)
+        f"{0.5 * n:.1f},{qd_x * n:.0f},{qd_y * n:.0f},1000000,{50 * n},{70 * n},1000000,{-50 * n}"
+        f",{-70 * n},1000000\n"
+        for n in range(8)
     )
-    return ("time_s,qd_x,qd_y,qd_sum,psd1_x,psd1_y,psd1_sum,psd2_x,psd2_y,psd2_sum\n" + "".join(rows)).encode()
+    return (
+        "time_s,qd_x,qd_y,qd_sum,psd1_x,psd1_y,psd1_sum,psd2_x,psd2_y,psd2_sum\n" + "".join(rows)
+    ).encode()
 
 
 HEAD_SAMPLES, FAR_SAMPLES = wobble(351.0, -491.4), wobble(989.4, -1385.2)
@@ -120,7 +152,9 @@ OTHER_REGISTERS = {
 
 def targets() -> dict[str, Target]:
     """Return every target by name."""
-    found = {f"decoder {name}": Target(STREAMS.get(name, STREAM), _decoded(name)) for name in FORMATS}
+    found = {
+        f"decoder {name}": Target(STREAMS.get(name, STREAM), _decoded(name)) for name in FORMATS
+    }
     found["log message"] = Target(MESSAGE, _message)
     found["registers"] = Target(bytes(range(28)) * 2, refusing(_registers))
     found["readings"] = Target(READINGS, refusing(_readings), weight=0.3)
@@ -128,12 +162,16 @@ def targets() -> dict[str, Target]:
     found["result"] = Target(_result_seed(), refusing(_result), weight=0.2)
     found["survey"] = Target(template().encode(), refusing(_survey))
     found["survey of a head"] = Target(_head_survey().encode(), refusing(_survey))
-    found["files of a survey"] = Target(b'[machine]\nexisting = ["a.txt"]\n', refusing(_files_of_a_survey))
+    found["files of a survey"] = Target(
+        b'[machine]\nexisting = ["a.txt"]\n', refusing(_files_of_a_survey)
+    )
     found["head file"] = Target(HEAD.encode(), refusing(_head_file))
     found["head samples"] = Target(HEAD_SAMPLES, refusing(_head_samples))
     found["stage run"] = Target(STAGE, refusing(_stage_run))
     found["curves"] = Target(CURVES, refusing(_curves))
-    found["page order"] = Target(b'{"name":"name","arguments":{"operator":"A","workpiece":"B"}}', page_order)
+    found["page order"] = Target(
+        b'{"name":"name","arguments":{"operator":"A","workpiece":"B"}}', page_order
+    )
     return found | log_targets() | table_targets()
 
 
@@ -159,7 +197,9 @@ def _registers(data: bytes) -> object:
     seen = []
     for signals in (CONTRACT_SIGNALS, OTHER_REGISTERS):
         ranges = plan_reads(signals)
-        answers = tuple(data[place : place + asked.byte_count] for place, asked in enumerate(ranges))
+        answers = tuple(
+            data[place : place + asked.byte_count] for place, asked in enumerate(ranges)
+        )
         seen.append(SignalDecoder(signals).decode(ModbusBlock(0, 1000, ranges, answers)))
     return seen
 
@@ -189,7 +229,14 @@ def _result_seed() -> bytes:
 
 def _exported_quickly(result: Result) -> object:
     with tempfile.TemporaryDirectory() as folder:
-        return export(result, "siemens", None, step_mm=float(result.volume.step_mm[0]), accept=Everything(), out_dir=Path(folder))
+        return export(
+            result,
+            "siemens",
+            None,
+            step_mm=float(result.volume.step_mm[0]),
+            accept=Everything(),
+            out_dir=Path(folder),
+        )
 
 
 def _result(data: bytes) -> object:
@@ -200,7 +247,11 @@ def _result(data: bytes) -> object:
         lambda: compare(good, result),
         lambda: trend([good, result, good]),
         lambda: _exported_quickly(result),
-        lambda: verify_files(result, [lattice.render(lattice.lattice_of(result, float(result.volume.step_mm[0])))], nodes=3),
+        lambda: verify_files(
+            result,
+            [lattice.render(lattice.lattice_of(result, float(result.volume.step_mm[0])))],
+            nodes=3,
+        ),
         lambda: build_report(result, source="foreign"),
     ):
         with suppress(StepdiagError):
@@ -218,7 +269,11 @@ def _survey(data: bytes) -> object:
 def _files_of_a_survey(data: bytes) -> object:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "survey.toml"
-        path.write_text(_head_survey() + '[[export]]\ncontroller = "siemens"\nprofile = "profile.toml"\n[solver]\nangles = "angles.csv"\n')
+        path.write_text(
+            _head_survey()
+            + '[[export]]\ncontroller = "siemens"\nprofile = "profile.toml"\n[solver]\nangles = '
+            '"angles.csv"\n'
+        )
         (Path(folder) / "head.toml").write_text(HEAD)
         for name in ("angles.csv", "profile.toml", "a.txt", "head.toml"):
             (Path(folder) / name).write_bytes(data)
@@ -268,10 +323,14 @@ class _Heeding:
 
 
 def page_order(data: bytes) -> object:
-    """Send the bytes as the order of somebody who has the token, and as the token of somebody who has not."""
+    """Send the bytes as the order of somebody who has the token, and as the token of somebody who
+    has not."""
     page = Page(_Heeding(), PageSettings(folder="", token="secret"))  # type: ignore[arg-type]
     page.access.guesses.delay_s = 0.0
-    answers = [asyncio.run(_answered(page, b"Bearer secret", data)), asyncio.run(_answered(page, b"Bearer " + data, data))]
+    answers = [
+        asyncio.run(_answered(page, b"Bearer secret", data)),
+        asyncio.run(_answered(page, b"Bearer " + data, data)),
+    ]
     assert answers[0] in (204, 400)
     assert answers[1] == 403 or data == b"secret"
     return answers
@@ -283,5 +342,10 @@ async def _answered(page: Page, authorization: bytes, body: bytes) -> int:
     async def receive() -> dict[str, object]:
         return parts.pop()
 
-    scope = {"type": "http", "method": "POST", "path": "/command", "headers": [(b"authorization", authorization)]}
+    scope = {
+        "type": "http",
+        "method": "POST",
+        "path": "/command",
+        "headers": [(b"authorization", authorization)],
+    }
     return (await page.command(Request(scope, receive))).status_code

@@ -1,4 +1,5 @@
-"""What every target of the fuzzing shares: a refusal of ours is an answer, any other exception is a finding."""
+"""What every target of the fuzzing shares: a refusal of ours is an answer, any other exception is a
+finding."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,7 +8,8 @@ from stepdiag.base.errors import StepdiagError
 
 
 class Target(NamedTuple):
-    """Something good to begin with, and what reads it. ``weight`` is how often it is tried: a tenth for what takes long."""
+    """Something good to begin with, and what reads it. ``weight`` is how often it is tried: a tenth
+    for what takes long."""
 
     seed: bytes
     read: Callable[[bytes], object]
@@ -27,7 +29,8 @@ def refusing(read: Callable[[bytes], object]) -> Callable[[bytes], object]:
 
 
 def text_of(data: bytes) -> str:
-    """Return the text of a file; what is not UTF-8 is refused before any parser sees it (`base.files.as_text`)."""
+    """Return the text of a file; what is not UTF-8 is refused before any parser sees it
+    (`base.files.as_text`)."""
     from stepdiag.base.files import as_text
 
     return as_text(data, "foreign")

@@ -1,7 +1,9 @@
-"""A log whose checksums are right and whose contents are a foreign: the first line of defence has been passed.
+"""A log whose checksums are right and whose contents are a foreign: the first line of defence has
+been passed.
 
-A changed log is caught by its checksums (target ``log``), so nothing behind them would ever be tried. Here the contents stand as text, one
-record a line, and a writer of ours makes a whole log of whatever is left of them.
+A changed log is caught by its checksums (target ``log``), so nothing behind them would ever be
+tried. Here the contents stand as text, one record a line, and a writer of ours makes a whole log of
+whatever is left of them.
 """
 
 import json
@@ -38,10 +40,17 @@ from testkit.timeline import Timeline, diagonal, survey_text
 
 WALL_OFFSET_NS = 1_800_000_000 * 10**9
 RATE_HZ = 100.0
-SURVEY = survey_text(setups=("ppp",), n=1, dwell=0.5).replace("rate_hz = 250.0", f"rate_hz = {RATE_HZ}")
+SURVEY = survey_text(setups=("ppp",), n=1, dwell=0.5).replace(
+    "rate_hz = 250.0", f"rate_hz = {RATE_HZ}"
+)
 SURVEY += '[[export]]\ncontroller = "neutral"\nprofile = "p.toml"\n[solver]\nangles = "a.csv"\n'
-PROFILE = profile_text("neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean")
-FILES = {"p.toml": PROFILE.encode(), "a.csv": b"axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,0,0,0\nx,300,1,2,3\n"}
+PROFILE = profile_text(
+    "neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean"
+)
+FILES = {
+    "p.toml": PROFILE.encode(),
+    "a.csv": b"axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,0,0,0\nx,300,1,2,3\n",
+}
 
 
 def log_targets() -> dict[str, Target]:
@@ -49,7 +58,9 @@ def log_targets() -> dict[str, Target]:
     whole = recorded()
     return {
         "log": Target(whole, _every_command, weight=0.2),
-        "log contents": Target(contents(whole), refusing(lambda data: _every_command(log_of(data))), weight=0.3),
+        "log contents": Target(
+            contents(whole), refusing(lambda data: _every_command(log_of(data))), weight=0.3
+        ),
     }
 
 
@@ -71,7 +82,12 @@ def _every_command(data: bytes) -> None:
         for ask in asked:
             with suppress(StepdiagError):
                 ask()
-        stray = {each.name for each in Path(folder).iterdir()} - {"0001", "out", "mended.mcap", ".lock"}
+        stray = {each.name for each in Path(folder).iterdir()} - {
+            "0001",
+            "out",
+            "mended.mcap",
+            ".lock",
+        }
         assert not stray, f"written beside the folder that was asked for: {stray}"
 
 
@@ -85,7 +101,9 @@ def recorded() -> bytes:
     header = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=0, run=run)
     writer, capture = LogWriter(stream, header), Capture(survey, start)
     standing = [replace(stop, seconds=0.6) for stop in diagonal("ppp", n=1)]
-    for number, event in enumerate(Timeline(standing, rate_hz=RATE_HZ, move_s=0.2, lead_s=0.3).events()):
+    for number, event in enumerate(
+        Timeline(standing, rate_hz=RATE_HZ, move_s=0.2, lead_s=0.3).events()
+    ):
         writer.event(event)
         if number % 60 == 59:
             writer.flush()
@@ -116,7 +134,11 @@ def contents(log: bytes) -> bytes:
 def with_survey(text: str) -> bytes:
     """Return the short pass as if it had been recorded with another survey file."""
     _, run, *messages = contents(recorded()).split(b"\n")
-    own = {name: word for name, word in json.loads(run).items() if name in ("start", *bundle_to_run(FILES))}
+    own = {
+        name: word
+        for name, word in json.loads(run).items()
+        if name in ("start", *bundle_to_run(FILES))
+    }
     return log_of(b"\n".join((json.dumps(text).encode(), json.dumps(own).encode(), *messages)))
 
 
@@ -124,7 +146,15 @@ def log_of(data: bytes) -> bytes:
     """Return the log that holds these lines; one that is no record of a log is left out."""
     text, run, *messages = [*data.split(b"\n"), b"", b""]
     stream = BytesIO()
-    writer = LogWriter(stream, LogHeader(survey_text=_json(text, str, SURVEY), wall_offset_ns=0, start_ns=0, run=_json(run, dict, {})))
+    writer = LogWriter(
+        stream,
+        LogHeader(
+            survey_text=_json(text, str, SURVEY),
+            wall_offset_ns=0,
+            start_ns=0,
+            run=_json(run, dict, {}),
+        ),
+    )
     for message in messages:
         topic, _, body = message.partition(b" ")
         with suppress(KeyError, UnicodeDecodeError):
@@ -139,5 +169,9 @@ def _json(line: bytes, kind: type, otherwise: object) -> object:
         if isinstance(found, kind):
             encodable = json.dumps(found, ensure_ascii=False).encode("utf-8", "replace").decode()
             found = json.loads(encodable)
-            return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else found
+            return (
+                {str(key): str(value) for key, value in found.items()}
+                if isinstance(found, dict)
+                else found
+            )
     return otherwise

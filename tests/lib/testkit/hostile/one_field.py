@@ -1,6 +1,8 @@
-"""Files that are right but for one field: a value of another kind, beyond its range, or too long; the field missing or doubled.
+"""Files that are right but for one field: a value of another kind, beyond its range, or too long;
+the field missing or doubled.
 
-Bytes changed at random mostly end in the first parser; one field wrong gets past it, to what believes that parsers have checked.
+Bytes changed at random mostly end in the first parser; one field wrong gets past it, to what
+believes that parsers have checked.
 """
 
 import json
@@ -8,13 +10,65 @@ import random
 import re
 from collections.abc import Iterator
 
-NUMBERS = ("0", "-1", "1e-320", "1e9", "1e300", "-1e300", "123456789012345678901234567890", "0.1", "3")
+NUMBERS = (
+    "0",
+    "-1",
+    "1e-320",
+    "1e9",
+    "1e300",
+    "-1e300",
+    "123456789012345678901234567890",
+    "0.1",
+    "3",
+)
 LONG = '"' + "x" * 100_000 + '"'
 FORGED = '"a\\nb: forged"'
-JSON_VALUES = (*NUMBERS, "null", "true", '""', '"x"', '"\\u0000"', FORGED, "[]", "{}", "[[[[1]]]]", LONG, "NaN", "-Infinity")
-TOML_VALUES = (*NUMBERS, "nan", "-inf", "true", '""', '"x"', '"\\u0001"', FORGED, '"../../x"', "[]", "{}", "[[1], [2]]", LONG)
+JSON_VALUES = (
+    *NUMBERS,
+    "null",
+    "true",
+    '""',
+    '"x"',
+    '"\\u0000"',
+    FORGED,
+    "[]",
+    "{}",
+    "[[[[1]]]]",
+    LONG,
+    "NaN",
+    "-Infinity",
+)
+TOML_VALUES = (
+    *NUMBERS,
+    "nan",
+    "-inf",
+    "true",
+    '""',
+    '"x"',
+    '"\\u0001"',
+    FORGED,
+    '"../../x"',
+    "[]",
+    "{}",
+    "[[1], [2]]",
+    LONG,
+)
 CSV_VALUES = (*NUMBERS, "nan", "inf", "", "x", '"', "ppp+1", "linear-x", " ", "1,2", "ä" * 1000)
-WORDS = (*NUMBERS, "nan", "-inf", "", "x", "../../x", "1,5", "0x10", "1_0", "\u0661", "\0", "+-1", "9" * 5000)
+WORDS = (
+    *NUMBERS,
+    "nan",
+    "-inf",
+    "",
+    "x",
+    "../../x",
+    "1,5",
+    "0x10",
+    "1_0",
+    "\u0661",
+    "\0",
+    "+-1",
+    "9" * 5000,
+)
 
 
 def wrong_json(text: str, dice: random.Random) -> str:
@@ -35,7 +89,13 @@ def wrong_json(text: str, dice: random.Random) -> str:
 
 
 def _paths(tree: object, above: tuple[int | str, ...] = ()) -> Iterator[tuple[int | str, ...]]:
-    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    items = (
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    )
     for key, value in items:
         yield (*above, key)
         yield from _paths(value, (*above, key))
@@ -77,7 +137,8 @@ def wrong_csv(text: str, dice: random.Random) -> str:
 
 
 def wrong_words(text: str, dice: random.Random) -> str:
-    """Return a text of any form with one word or line wrong: another value, missing, doubled, or out of its place."""
+    """Return a text of any form with one word or line wrong: another value, missing, doubled, or
+    out of its place."""
     lines = text.splitlines(keepends=True)
     row = dice.randrange(len(lines))
     match dice.choice(("word", "word", "word", "missing", "doubled", "moved")):

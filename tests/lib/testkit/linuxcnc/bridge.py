@@ -1,9 +1,11 @@
 #!/usr/bin/python3
-"""The DISPLAY program of the LinuxCNC rig: an operator without a screen, run by the control with the system's Python.
+"""The DISPLAY program of the LinuxCNC rig: an operator without a screen, run by the control with
+the system's Python.
 
-It switches the machine on, homes it, and then speaks JSON lines over the Unix socket named in STEPDIAG_RIG: out goes
-the control's state, as often as a fast PLC would look; in come ``{"run": program}``, ``{"set": [pin, value]}`` and
-``{"quit": true}``. It presses cycle start wherever a program halts.
+It switches the machine on, homes it, and then speaks JSON lines over the Unix socket named in
+STEPDIAG_RIG: out goes the control's state, as often as a fast PLC would look; in come ``{"run":
+program}``, ``{"set": [pin, value]}`` and ``{"quit": true}``. It presses cycle start wherever a
+program halts.
 """
 
 import contextlib
@@ -18,8 +20,13 @@ import linuxcnc
 
 PERIOD_S = 0.004
 MOTORS = [f"motor-{joint}" for joint in range(3)]
-SIGNALS = {"setup": "setup", "count": "count", **{f"commanded-{n}": f"position-{axis}" for n, axis in enumerate("xyz")}}
-"""Signals of stepdiag.hal, which the product's own component reads too: the rig sees what the survey sees."""
+SIGNALS = {
+    "setup": "setup",
+    "count": "count",
+    **{f"commanded-{n}": f"position-{axis}" for n, axis in enumerate("xyz")},
+}
+"""Signals of stepdiag.hal, which the product's own component reads too: the rig sees what the
+survey sees."""
 BITS = {"stopped": "stopped", "in-position": "in-position"}
 
 
@@ -79,7 +86,9 @@ def state_of(rig: "hal.component", status: "linuxcnc.stat", started: int) -> dic
     }
 
 
-def serve(link: socket.socket, rig: "hal.component", command: "linuxcnc.command", status: "linuxcnc.stat") -> None:
+def serve(
+    link: socket.socket, rig: "hal.component", command: "linuxcnc.command", status: "linuxcnc.stat"
+) -> None:
     """Publish states and obey orders until told to quit or the rig has gone."""
     errors = linuxcnc.error_channel()
     received, started, resumed_s = b"", 0, 0.0

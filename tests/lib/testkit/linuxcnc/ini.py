@@ -9,12 +9,18 @@ Ini = Mapping[str, Sequence[str]]
 
 
 def changed(
-    ini: Ini, lines: str, kinematics_before: str = "KINEMATICS = trivkins coordinates=XYZ", *, unnamed: Sequence[str] = ()
+    ini: Ini,
+    lines: str,
+    kinematics_before: str = "KINEMATICS = trivkins coordinates=XYZ",
+    *,
+    unnamed: Sequence[str] = (),
 ) -> dict[str, list[str]]:
-    """Return the file after the change: - goes out, + and plain lines come in; one KINEMATICS line stands, the last that came.
+    """Return the file after the change: - goes out, + and plain lines come in; one KINEMATICS line
+    stands, the last that came.
 
-    ``unnamed`` are COMP_FILE lines that the INI file did not hold before the export; a note may leave them out of both changes.
-    Raises ValueError for a line that has to go out and is not there.
+    ``unnamed`` are COMP_FILE lines that the INI file did not hold before the export; a note may
+    leave them out of both changes. Raises ValueError for a line that has to go out and is not
+    there.
     """
     found, section = {name: list(each) for name, each in ini.items()}, ""
     left = set(unnamed) if f"# {UNLESS_NAMED}" in lines.splitlines() else set()

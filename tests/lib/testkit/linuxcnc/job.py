@@ -1,4 +1,5 @@
-"""A survey as a job: the daemon records and solves what a real control drives, and a busy computer has it drive again."""
+"""A survey as a job: the daemon records and solves what a real control drives, and a busy computer
+has it drive again."""
 
 import json
 import re
@@ -58,21 +59,33 @@ enabled = false
 {export}
 """
 OFF = 'compensation = "off"'
-ON = 'compensation = "on"\nactive = ["lattice.csv"]\nactive_date = 2026-01-31\nactive_source = "the folder of the INI file"'
+ON = (
+    'compensation = "on"\nactive = ["lattice.csv"]\nactive_date = 2026-01-31\nactive_source = '
+    '"the folder of the INI file"'
+)
 EXPORT = '[[export]]\ncontroller = "linuxcnc"\nprofile = "linuxcnc.toml"'
 FEED_MM_MIN = 90000.0
 DWELL_S = 0.12
 TILT = Alignment(mirror_mrad=(0.4, -0.3), beam_mrad=(0.1, 0.15))
 NOISE_UM = 0.05
-"""Of one laser sample; a stop is the mean of a dozen, as a longer one of a noisier laser is of a hundred."""
+"""Of one laser sample; a stop is the mean of a dozen, as a longer one of a noisier laser is of a
+hundred."""
 
 
 def surveyed(
-    control: Control, machine: Machine, folder: Path, setups: tuple[str, ...], volume: Volume, within: Volume, active: bytes = b""
+    control: Control,
+    machine: Machine,
+    folder: Path,
+    setups: tuple[str, ...],
+    volume: Volume,
+    within: Volume,
+    active: bytes = b"",
 ) -> tuple[Path, float]:
-    """Let the daemon record and solve a survey that the control drives, and export where no lattice is ``active``.
+    """Let the daemon record and solve a survey that the control drives, and export where no lattice
+    is ``active``.
 
-    Returns its folder, and what the machine errs on a grid ``within`` a volume, which is driven while the daemon solves.
+    Returns its folder, and what the machine errs on a grid ``within`` a volume, which is driven
+    while the daemon solves.
     """
     own = folder / ("again" if active else "first")
     own.mkdir()
@@ -127,16 +140,33 @@ def drive(control: Control, stand: Stand, setup: str, program: bytes) -> None:
 
 
 def still_missing(folder: Path, log: Path, driven: int) -> str:
-    """Return the setup to drive again, because a busy computer lost samples of it; nothing once the result is there.
+    """Return the setup to drive again, because a busy computer lost samples of it; nothing once the
+    result is there.
 
-    ``driven``: how many programs were run so far. What the daemon waits for counts once the last of them has ended.
+    ``driven``: how many programs were run so far. What the daemon waits for counts once the last of
+    them has ended.
     """
 
     def wanted() -> str:
-        said = [json.loads(line) for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.endswith("}")]
+        said = [
+            json.loads(line)
+            for line in log.read_text(encoding="utf-8", errors="replace").splitlines()
+            if line.endswith("}")
+        ]
         ended = [event for event in said if event.get("event") == "pass-ended"]
-        begun = max((place for place, event in enumerate(said) if event.get("event") == "stop" and event["stop"] == 0), default=0)
-        waits = [event["what"] for event in said[begun:] if event.get("event") == "waiting"] if len(ended) >= driven else []
+        begun = max(
+            (
+                place
+                for place, event in enumerate(said)
+                if event.get("event") == "stop" and event["stop"] == 0
+            ),
+            default=0,
+        )
+        waits = (
+            [event["what"] for event in said[begun:] if event.get("event") == "waiting"]
+            if len(ended) >= driven
+            else []
+        )
         found = re.search(r"the program of ([a-z0-9+-]+)", waits[-1]) if waits else None
         return found[1] if found else ""
 
@@ -150,7 +180,10 @@ def daemon(survey: Path) -> Iterator[Path]:
     log = survey.parent / "daemon.log"
     with log.open("wb") as output:
         process = subprocess.Popen(
-            [sys.executable, "-m", "stepdiag", "run", str(survey)], stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+            [sys.executable, "-m", "stepdiag", "run", str(survey)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
         )
     try:
         until(lambda: b"ready" in log.read_bytes() or process.poll() is not None, log)

@@ -1,7 +1,9 @@
-"""A real control for the system test: LinuxCNC with a simulated three-axis machine, headless, one at a time on a computer.
+"""A real control for the system test: LinuxCNC with a simulated three-axis machine, headless, one
+at a time on a computer.
 
-LinuxCNC runs as a process of its own with the system's Python; `bridge` is its operator and tells this side, over a Unix
-socket, what the control does. Baselines.md, section LinuxCNC headless, names the environment it needs.
+LinuxCNC runs as a process of its own with the system's Python; `bridge` is its operator and tells
+this side, over a Unix socket, what the control does. Baselines.md, section LinuxCNC headless, names
+the environment it needs.
 """
 
 import fcntl
@@ -90,12 +92,13 @@ net motor-2 joint.2.motor-pos-cmd => joint.2.motor-pos-fb
 net enable iocontrol.0.user-enable-out => iocontrol.0.emc-enable-in
 net prepare iocontrol.0.tool-prepare => iocontrol.0.tool-prepared
 net change iocontrol.0.tool-change => iocontrol.0.tool-changed
-"""
+"""  # noqa: E501
 
 
 @dataclass(frozen=True)
 class State:
-    """The control at ``time_ns`` (CLOCK_MONOTONIC): positions in mm, what the program shows the PLC, programs started so far."""
+    """The control at ``time_ns`` (CLOCK_MONOTONIC): positions in mm, what the program shows the
+    PLC, programs started so far."""
 
     time_ns: int
     motor_mm: tuple[float, ...]
@@ -109,7 +112,8 @@ class State:
 
 
 class Control:
-    """A running LinuxCNC. ``on_state`` is called with every state, in the thread that reads them."""
+    """A running LinuxCNC. ``on_state`` is called with every state, in the thread that reads
+    them."""
 
     def __init__(self, link: socket.socket, folder: Path, plc_port: int) -> None:
         self.plc_port = plc_port
@@ -129,9 +133,13 @@ class Control:
         return self.wait_for(lambda state: True)
 
     def wait_for(self, wanted: Callable[[State], bool], timeout_s: float = 200.0) -> State:
-        """Return the first state from now on that is wanted. Raises AssertionError when the control fails or time is up."""
+        """Return the first state from now on that is wanted. Raises AssertionError when the control
+        fails or time is up."""
         with self._changed:
-            ready = self._changed.wait_for(lambda: self._failure or (self._state is not None and wanted(self._state)), timeout_s)
+            ready = self._changed.wait_for(
+                lambda: self._failure or (self._state is not None and wanted(self._state)),
+                timeout_s,
+            )
             assert not self._failure, self._failure
             assert ready, f"nothing like it within {timeout_s} s; the control says {self._state}"
             assert self._state is not None
@@ -174,7 +182,12 @@ class Control:
 
     def _take(self, told: dict[str, object]) -> None:
         error = told.pop("error", None)
-        state = State(**{key: tuple(value) if isinstance(value, list) else value for key, value in told.items()})
+        state = State(
+            **{
+                key: tuple(value) if isinstance(value, list) else value
+                for key, value in told.items()
+            }
+        )
         self.on_state(state)
         with self._changed:
             self._state = state
@@ -196,18 +209,33 @@ def linuxcnc(
     backlash_mm: Mapping[str, float] | None = None,
     swift: bool = False,
 ) -> Iterator[Control]:
-    """Run LinuxCNC with the machine switched on and homed, and the product's component that serves its signals.
+    """Run LinuxCNC with the machine switched on and homed, and the product's component that serves
+    its signals.
 
-    ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis letter; ``kinematics`` are the files of
-    an export of the kinematics component, which is built and loaded as its report says. A ``swift`` control saves the tests' time; at its
-    acceleration a joint swings back by a hair when it stops, and a COMP_FILE of two different columns then shows the other one.
-    Installs the Debian packages where they are missing. Raises AssertionError where they cannot be had or the control does not start.
+    ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis
+    letter; ``kinematics`` are the files of an export of the kinematics component, which is built
+    and loaded as its report says. A ``swift`` control saves the tests' time; at its acceleration a
+    joint swings back by a hair when it stops, and a COMP_FILE of two different columns then shows
+    the other one. Installs the Debian packages where they are missing. Raises AssertionError where
+    they cannot be had or the control does not start.
     """
     installed()
-    with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
+    with (
+        _alone(),
+        tempfile.TemporaryDirectory(
+            prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True
+        ) as name,
+    ):
         folder = Path(name)
         plc_port = reserved_port()
-        _configured(folder, comp_files or {}, kinematics or {}, backlash_mm or {}, plc_port, SWIFT_MM_S2 if swift else ORDINARY_MM_S2)
+        _configured(
+            folder,
+            comp_files or {},
+            kinematics or {},
+            backlash_mm or {},
+            plc_port,
+            SWIFT_MM_S2 if swift else ORDINARY_MM_S2,
+        )
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(folder / "rig.socket"))
             (folder / "rig.socket").chmod(0o666)
@@ -217,18 +245,29 @@ def linuxcnc(
 
 
 def installed() -> None:
-    """Install LinuxCNC if it is missing. Raises AssertionError where that fails: the test of the real control is never skipped."""
+    """Install LinuxCNC if it is missing. Raises AssertionError where that fails: the test of the
+    real control is never skipped."""
     if shutil.which("linuxcnc") and shutil.which("halcompile"):
         return
-    done = subprocess.run(["tools/debian", *PACKAGES], cwd=CHECKOUT, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["tools/debian", *PACKAGES],
+        cwd=CHECKOUT,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert shutil.which("halcompile"), (
-        f"the Debian packages {', '.join(PACKAGES)} cannot be installed, so the control is not tested: {done.stderr[-2000:]}"
+        f"the Debian packages {', '.join(PACKAGES)} cannot be installed, so the control is not "
+        f"tested: {done.stderr[-2000:]}"
     )
 
 
 def _as_root(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     as_root = [] if os.geteuid() == 0 else ["sudo", "-n"]
-    return subprocess.run([*as_root, *command], capture_output=True, text=True, check=False, cwd=folder)
+    return subprocess.run(
+        [*as_root, *command], capture_output=True, text=True, check=False, cwd=folder
+    )
 
 
 @contextmanager
@@ -247,7 +286,8 @@ def _configured(
     plc_port: int,
     acceleration: int,
 ) -> None:
-    """Write the configuration; the folder is open to the ordinary user as whom LinuxCNC's real-time part runs."""
+    """Write the configuration; the folder is open to the ordinary user as whom LinuxCNC's real-time
+    part runs."""
     folder.chmod(0o777)
     for file in companion_files("linuxcnc", "127.0.0.1", plc_port):
         (folder / file.name).write_bytes(file.data)
@@ -270,10 +310,15 @@ def _configured(
 
 
 def _kinematics_lines(folder: Path) -> tuple[str, str]:
-    """Build the component as the export's report says, and return what its ini_lines.txt gives: KINEMATICS, and the HALFILE line."""
+    """Build the component as the export's report says, and return what its ini_lines.txt gives:
+    KINEMATICS, and the HALFILE line."""
     built = _as_root(["halcompile", "--install", "stepdiagkins.c"], folder)
     assert built.returncode == 0, built.stdout + built.stderr
-    lines = dict(line.split(" = ", 1) for line in (folder / "ini_lines.txt").read_text(encoding="ascii").splitlines() if " = " in line)
+    lines = dict(
+        line.split(" = ", 1)
+        for line in (folder / "ini_lines.txt").read_text(encoding="ascii").splitlines()
+        if " = " in line
+    )
     return lines["KINEMATICS"], f"HALFILE = {lines['HALFILE']}\n"
 
 
@@ -290,9 +335,14 @@ def _running(folder: Path, door: socket.socket, plc_port: int) -> Iterator[Contr
     log = folder / "linuxcnc.log"
     with log.open("wb") as output:
         process = subprocess.Popen(
-            ["/usr/bin/linuxcnc", "rig.ini"], cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=output,
-            stderr=subprocess.STDOUT, start_new_session=True,
-        )  # fmt: skip
+            ["/usr/bin/linuxcnc", "rig.ini"],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
     try:
         yield from _served(door, folder, log, plc_port)
     finally:
@@ -307,7 +357,9 @@ def _served(door: socket.socket, folder: Path, log: Path, plc_port: int) -> Iter
     try:
         link, _ = door.accept()
     except TimeoutError:
-        raise AssertionError(f"LinuxCNC does not start: {log.read_text(errors='replace')[-3000:]}") from None
+        raise AssertionError(
+            f"LinuxCNC does not start: {log.read_text(errors='replace')[-3000:]}"
+        ) from None
     with link:
         control = Control(link, folder, plc_port)
         try:

@@ -1,7 +1,8 @@
 """The laser beside a real control: what LinuxCNC's motors do moves the virtual machine.
 
-The laser reads the exact physics of `stepdiag.virtual` at the control's motor positions, so a compensation that the control applies is seen
-as the laser of a real machine would see it. The register block comes from the control itself, by the product's own HAL component.
+The laser reads the exact physics of `stepdiag.virtual` at the control's motor positions, so a
+compensation that the control applies is seen as the laser of a real machine would see it. The
+register block comes from the control itself, by the product's own HAL component.
 """
 
 from collections import deque
@@ -27,13 +28,16 @@ LATENCY_S = 0.08
 """The laser tells what was true so long ago: by then the control has told where its motors were."""
 REALIGNING_S = 0.2
 RATE_HZ = 250.0
-"""A quarter of what the board can: a reader that the computer lets wait loses nothing of so much."""
+"""A quarter of what the board can: a reader that the computer lets wait loses nothing of so
+much."""
 TURNING_MM = 0.02
-"""What counts as a move of an axis between two looks: more than a compensation moves it while others travel."""
+"""What counts as a move of an axis between two looks: more than a compensation moves it while
+others travel."""
 
 
 class MotorReadout:
-    """Where the laser finds its target: the virtual machine's pose at the motor positions of the last moments."""
+    """Where the laser finds its target: the virtual machine's pose at the motor positions of the
+    last moments."""
 
     def __init__(self, control: Control, machine: Machine, box: Box, clock: Clock) -> None:
         self._machine, self._box, self._clock = machine, box, clock
@@ -44,7 +48,8 @@ class MotorReadout:
         control.on_state = self._take
 
     def align(self, setup: str, alignment: Alignment) -> None:
-        """Put laser and mirror up for a setup, as a person does before the program is started; the beam is away meanwhile."""
+        """Put laser and mirror up for a setup, as a person does before the program is started; the
+        beam is away meanwhile."""
         self.put(aligned_setup(self._machine, self._box, setup, alignment))
 
     def put(self, setup: Setup) -> None:
@@ -58,10 +63,18 @@ class MotorReadout:
             return np.zeros(len(time_s)), np.zeros(len(time_s), dtype=bool)
         path = list(self._path)
         moments = np.array([moment for moment, _, _ in path])
-        motor = np.stack([np.interp(time_s, moments, [point[axis] for _, point, _ in path]) for axis in range(3)], axis=-1)
+        motor = np.stack(
+            [
+                np.interp(time_s, moments, [point[axis] for _, point, _ in path])
+                for axis in range(3)
+            ],
+            axis=-1,
+        )
         last = np.clip(np.searchsorted(moments, time_s, side="right") - 1, 0, None)
         direction = np.array([path[each][2] for each in last])
-        return self._machine.indicated_mm(self._setup, motor, direction=direction), time_s >= self._aligned_s
+        return self._machine.indicated_mm(
+            self._setup, motor, direction=direction
+        ), time_s >= self._aligned_s
 
     def _take(self, state: State) -> None:
         motor = np.array(state.motor_mm)
@@ -74,13 +87,20 @@ class MotorReadout:
 class Stand:
     """A laser on a pty beside a running control; use it in a ``with`` statement."""
 
-    def __init__(self, control: Control, machine: Machine, box: Box, folder: Path, *, noise_um: float) -> None:
+    def __init__(
+        self, control: Control, machine: Machine, box: Box, folder: Path, *, noise_um: float
+    ) -> None:
         clock, faults = Clock(), FaultBoard(())
         self.readout = MotorReadout(control, machine, box, clock)
         line = SerialLine(folder / "laser")
         counter = Counter(noise_um=noise_um, seed=7)
         laser = TalkingLaser(
-            UmdBoard(replace(BOARDS["umd2"], rate_hz=RATE_HZ)), self.readout.read, counter, clock=clock, faults=faults, latency_s=LATENCY_S
+            UmdBoard(replace(BOARDS["umd2"], rate_hz=RATE_HZ)),
+            self.readout.read,
+            counter,
+            clock=clock,
+            faults=faults,
+            latency_s=LATENCY_S,
         )
         self.laser_port = str(line.link)
         self.plc_port = control.plc_port
@@ -90,5 +110,10 @@ class Stand:
         self._laser.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._laser.close()

@@ -1,4 +1,5 @@
-"""What a control does while it stands: the states of a program's stops, and the end of a compensation's coming and going."""
+"""What a control does while it stands: the states of a program's stops, and the end of a
+compensation's coming and going."""
 
 import time
 
@@ -6,7 +7,8 @@ from testkit.linuxcnc.rig import Control, State
 
 
 def stands(control: Control, program: bytes) -> list[State]:
-    """Drive a program and return the state late in each stop: the last one that was seen standing with that counter."""
+    """Drive a program and return the state late in each stop: the last one that was seen standing
+    with that counter."""
     seen: dict[int, State] = {}
 
     def watch(state: State) -> None:
@@ -20,7 +22,8 @@ def stands(control: Control, program: bytes) -> list[State]:
 
 
 def settled(control: Control) -> None:
-    """Wait until the compensation has come in or gone: the joints have stopped following the slew limit."""
+    """Wait until the compensation has come in or gone: the joints have stopped following the slew
+    limit."""
     places = [control.state.motor_mm]
     while len(places) < 10 or places[-10] != places[-1]:
         time.sleep(0.05)

@@ -1,7 +1,8 @@
-"""Do surveys that the planner proposes leave of exact machines what it says, and is any other choice of lines better?
+"""Do surveys that the planner proposes leave of exact machines what it says, and is any other
+choice of lines better?
 
-Machine and laser are the virtual ones, which share no code with the solver; they are driven to the stops of the plan, on whatever line.
-`benchmarks.designs` and `benchmarks.honesty` print the table.
+Machine and laser are the virtual ones, which share no code with the solver; they are driven to the
+stops of the plan, on whatever line. `benchmarks.designs` and `benchmarks.honesty` print the table.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,23 +35,41 @@ ALIGNING_MIN = 1000.0
 
 
 def machine_of(range_urad: float, seed: int) -> Machine:
-    """Return a machine: straightness and positioning up to 9 um, scales up to 20 um/m, squareness 20 urad."""
-    wanted = Amplitudes(positioning_um=9.0, straightness_um=9.0, angle_urad=range_urad, scale_um_m=20.0, squareness_urad=20.0)
-    return Machine(errors=random_errors(seed, VOLUME.origin_mm, VOLUME.size_mm, wanted), chain="FXYZ")
+    """Return a machine: straightness and positioning up to 9 um, scales up to 20 um/m, squareness
+    20 urad."""
+    wanted = Amplitudes(
+        positioning_um=9.0,
+        straightness_um=9.0,
+        angle_urad=range_urad,
+        scale_um_m=20.0,
+        squareness_urad=20.0,
+    )
+    return Machine(
+        errors=random_errors(seed, VOLUME.origin_mm, VOLUME.size_mm, wanted), chain="FXYZ"
+    )
 
 
 def drive(survey: Plan, machine: Machine, rng: np.random.Generator) -> Readings:
-    """Return the readings of a survey: mirror and beam of every setup lean in directions of their own."""
+    """Return the readings of a survey: mirror and beam of every setup lean in directions of their
+    own."""
     readings = perfect_readings(survey, NOISE_UM)
     read_mm = np.array(readings.reading_mm)
     for run in survey.runs:
-        leans = [TILT_MRAD * np.array([np.cos(turn), np.sin(turn)]) for turn in rng.uniform(0, 2 * np.pi, 2)]
+        leans = [
+            TILT_MRAD * np.array([np.cos(turn), np.sin(turn)])
+            for turn in rng.uniform(0, 2 * np.pi, 2)
+        ]
         mirror, beam = ((float(a), float(b)) for a, b in leans)
         setup = placed(survey, run, mirror, beam)
         for key, rows in readings.passes().items():
             if key.setup == run.setup:
                 stops = readings.position_mm[rows]
-                shown = machine.indicated_mm(setup, stops, direction=np.sign(stops[-1] - stops[0]), time_s=np.zeros(len(stops)))
+                shown = machine.indicated_mm(
+                    setup,
+                    stops,
+                    direction=np.sign(stops[-1] - stops[0]),
+                    time_s=np.zeros(len(stops)),
+                )
                 noisy = shown + rng.normal(scale=1e-3 * NOISE_UM, size=len(rows))
                 read_mm[rows] = noisy - noisy[0]
     object.__setattr__(readings, "reading_mm", read_mm)
@@ -58,10 +77,14 @@ def drive(survey: Plan, machine: Machine, rng: np.random.Generator) -> Readings:
 
 
 def scattered(readings: Readings, survey: Plan, rng: np.random.Generator) -> Readings:
-    """Return readings with what the axes miss their targets by, each until it moves again, and the drift and the wander of each pass."""
+    """Return readings with what the axes miss their targets by, each until it moves again, and the
+    drift and the wander of each pass."""
     read_mm = np.array(readings.reading_mm)
     for key, rows in readings.passes().items():
-        stops, along = readings.position_mm[rows], np.array(survey.run_of(key.setup).travel.signs) * np.array(survey.volume.size_mm)
+        stops, along = (
+            readings.position_mm[rows],
+            np.array(survey.run_of(key.setup).travel.signs) * np.array(survey.volume.size_mm),
+        )
         misses = [rng.normal(scale=ARRIVAL_UM, size=3)]
         for moved in np.abs(np.diff(stops, axis=0)) > 0.0:
             misses.append(np.where(moved, rng.normal(scale=ARRIVAL_UM, size=3), misses[-1]))
@@ -75,7 +98,8 @@ def scattered(readings: Readings, survey: Plan, rng: np.random.Generator) -> Rea
 
 @dataclass(frozen=True, kw_only=True)
 class Driven:
-    """What is left of each machine (um, rms over the volume, rigid motion removed), and what was forecast for such machines."""
+    """What is left of each machine (um, rms over the volume, rigid motion removed), and what was
+    forecast for such machines."""
 
     plan: Plan
     forecast_um: float
@@ -105,18 +129,29 @@ def about(range_urad: float) -> Circumstances:
     return Circumstances(head=False, assumed=assumed)
 
 
-def driven(survey: Plan, range_urad: float, machines: int, seed: int = 0, *, scatters: bool = False) -> Driven:
+def driven(
+    survey: Plan, range_urad: float, machines: int, seed: int = 0, *, scatters: bool = False
+) -> Driven:
     """Drive a survey on drawn machines and solve it."""
     job = about(range_urad)
     if scatters:
-        job = replace(job, assumed=replace(job.assumed, repeatability_um=ARRIVAL_UM, drift_um=DRIFT_UM, wander_um=WANDER_UM))
+        job = replace(
+            job,
+            assumed=replace(
+                job.assumed, repeatability_um=ARRIVAL_UM, drift_um=DRIFT_UM, wander_um=WANDER_UM
+            ),
+        )
     points = anywhere_mm(VOLUME)
     left = []
     for number in range(machines):
         machine = machine_of(range_urad, seed + number)
         rng = np.random.default_rng((seed, number))
         readings = drive(survey, machine, rng)
-        result = solve(scattered(readings, survey, rng) if scatters else readings, chain=job.chain, assumed=job.assumed)
+        result = solve(
+            scattered(readings, survey, rng) if scatters else readings,
+            chain=job.chain,
+            assumed=job.assumed,
+        )
         error = machine.error_at(points) - error_field_um(result, points)
         left.append(rms(np.linalg.norm(without_rigid_motion(VOLUME, points, error), axis=1)))
     ahead = forecast(survey, job).ahead
@@ -132,8 +167,12 @@ def within(range_urad: float, minutes: float) -> Plan:
 
 def with_lines(range_urad: float, lines: int) -> Plan:
     """Return what the planner proposes for so many alignments, each as dear as the others."""
-    dear = Pace(diagonal_setup_min=ALIGNING_MIN, linear_setup_min=ALIGNING_MIN, beam_shift_min=ALIGNING_MIN)
-    return _found(Search(replace(EMPTY, pace=dear), about(range_urad)), (lines + 0.9) * ALIGNING_MIN)
+    dear = Pace(
+        diagonal_setup_min=ALIGNING_MIN, linear_setup_min=ALIGNING_MIN, beam_shift_min=ALIGNING_MIN
+    )
+    return _found(
+        Search(replace(EMPTY, pace=dear), about(range_urad)), (lines + 0.9) * ALIGNING_MIN
+    )
 
 
 def _found(search: Search, minutes: float) -> Plan:
@@ -156,8 +195,14 @@ CASES: Sequence[tuple[str, float, Callable[[float], Plan], float]] = (
 
 def table(machines: int) -> None:
     """Print what is left of machines beside what was forecast and what is asked for."""
-    print(f"surveys of the planner on {machines} exact machines each: um left, rms over machines and volume")
-    print("| survey | angles | lines | min | left | forecast | at most |\n|---|---|---|---|---|---|---|")
+    print(
+        f"surveys of the planner on {machines} exact machines each: um left, rms over machines "
+        "and volume"
+    )
+    print(
+        "| survey | angles | lines | min | left | forecast | at most "
+        "|\n|---|---|---|---|---|---|---|"
+    )
     for name, size, survey_of, most in CASES:
         survey = survey_of(size)
         found = driven(survey, size, machines, seed=900)
@@ -165,7 +210,16 @@ def table(machines: int) -> None:
         left = f"{found.rms_um:.2f} | {found.forecast_um:.2f} | {most:g}"
         print(f"| {name} | {size:g} | {len(survey.runs)} | {minutes:.0f} | {left} |", flush=True)
     for back in (False, True):
-        survey = replace(EMPTY, runs=tuple(Run(setup=name, return_pass=back) for name in ("ppp", "npp", "pnp", *LINEAR_RUNS)))
+        survey = replace(
+            EMPTY,
+            runs=tuple(
+                Run(setup=name, return_pass=back) for name in ("ppp", "npp", "pnp", *LINEAR_RUNS)
+            ),
+        )
         found = driven(survey, 15.0, 2 * machines, seed=700, scatters=True)
         left = f"{found.rms_um:.2f} | {found.forecast_um:.2f}"
-        print(f"| six, scattering, {'out and back' if back else 'one way'} | 15 | 6 | {plan_minutes(survey):.0f} | {left} | |", flush=True)
+        print(
+            f"| six, scattering, {'out and back' if back else 'one way'} | 15 | 6 | "
+            f"{plan_minutes(survey):.0f} | {left} | |",
+            flush=True,
+        )

@@ -1,4 +1,5 @@
-"""Is a ball screw of 3 um and 10 mm named by a survey as `init` writes it, and does the machine do what the result promises?
+"""Is a ball screw of 3 um and 10 mm named by a survey as `init` writes it, and does the machine do
+what the result promises?
 
 `benchmarks.designs` prints the count.
 """
@@ -26,18 +27,33 @@ def screwed(number: int) -> Machine:
     functions = dict(machine.errors.functions)
     for axis in AXES:
         name = f"E{axis.upper()}{axis.upper()}"
-        functions[name] = Waved(functions[name], AMPLITUDE_UM, PITCH_MM, float(rng.uniform(0.0, 2.0 * np.pi)))
+        functions[name] = Waved(
+            functions[name], AMPLITUDE_UM, PITCH_MM, float(rng.uniform(0.0, 2.0 * np.pi))
+        )
     return replace(machine, errors=replace(machine.errors, functions=functions))
 
 
 def tried(number: int) -> tuple[bool, bool]:
-    """Return whether the wave is named, and whether what is left lies between the ends of what is promised."""
+    """Return whether the wave is named, and whether what is left lies between the ends of what is
+    promised."""
     machine, job = screwed(number), about(15.0)
     volume = replace(VOLUME, increments=increments_for(VOLUME.size_mm, PITCH_MM))
-    runs = tuple(Run(setup=name, targets=TARGETS if name in LINEAR_RUNS else 0) for name in (*BODY_DIAGONALS, *LINEAR_RUNS))
-    readings = drive(replace(EMPTY, volume=volume, runs=runs), machine, np.random.default_rng(number))
-    result = solve(readings, chain=job.chain, assumed=replace(job.assumed, between_um=1.5, repeatability_um=0.3))
-    named = any(found.message is not None and found.message.key == "increments-coarse.hidden" for found in result.findings)
+    runs = tuple(
+        Run(setup=name, targets=TARGETS if name in LINEAR_RUNS else 0)
+        for name in (*BODY_DIAGONALS, *LINEAR_RUNS)
+    )
+    readings = drive(
+        replace(EMPTY, volume=volume, runs=runs), machine, np.random.default_rng(number)
+    )
+    result = solve(
+        readings,
+        chain=job.chain,
+        assumed=replace(job.assumed, between_um=1.5, repeatability_um=0.3),
+    )
+    named = any(
+        found.message is not None and found.message.key == "increments-coarse.hidden"
+        for found in result.findings
+    )
     points = np.random.default_rng(0).uniform([0.0, 0.0, 0.0], volume.size_mm, (4000, 3))
     error = machine.error_at(points) - error_field_um(result, points)
     left_um = rms(np.linalg.norm(without_rigid_motion(volume, points, error), axis=1))
@@ -49,5 +65,6 @@ def table(machines: int) -> None:
     """Print how many screws are named, and how many promises are true."""
     found = np.array([tried(number) for number in range(machines)])
     print(
-        f"screws of {AMPLITUDE_UM:g} um, pitch {PITCH_MM:g} mm: named {found[:, 0].sum()}, promise true {found[:, 1].sum()} of {machines}"
+        f"screws of {AMPLITUDE_UM:g} um, pitch {PITCH_MM:g} mm: named {found[:, 0].sum()}, "
+        f"promise true {found[:, 1].sum()} of {machines}"
     )

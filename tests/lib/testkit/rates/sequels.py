@@ -1,7 +1,8 @@
-"""Is a survey at its end where `stepdiag next` states it? Exact machines with angles of 5 to 50 urad, assumed of 15, driven as it states.
+"""Is a survey at its end where `stepdiag next` states it? Exact machines with angles of 5 to 50
+urad, assumed of 15, driven as it states.
 
-At the end the best further hour is driven as well: the statement is right where it gains less than the bound that is stated.
-`benchmarks.designs` prints the table.
+At the end the best further hour is driven as well: the statement is right where it gains less than
+the bound that is stated. `benchmarks.designs` prints the table.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +25,8 @@ MOST_SETUPS = 24
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """A survey at its end: what was stated, and what is left of the machine (um, rms) before and after a further hour."""
+    """A survey at its end: what was stated, and what is left of the machine (um, rms) before and
+    after a further hour."""
 
     angles_urad: float
     setups: int
@@ -51,7 +53,9 @@ def driven_to_its_end(number: int) -> Ended:
         ahead = sequel(plan, job, done, readings)
     further = _with(plan, ahead.runs)
     everything = [*done, *(run.setup for run in ahead.runs)]
-    now_um, then_um = (_left_um(_of(further, names), machine, number) for names in (done, everything))
+    now_um, then_um = (
+        _left_um(_of(further, names), machine, number) for names in (done, everything)
+    )
     return Ended(angles_urad=size, setups=len(done), stated=ahead, now_um=now_um, then_um=then_um)
 
 
@@ -66,7 +70,9 @@ def _of(plan: Plan, names: list[str]) -> Plan:
 
 def _left_um(plan: Plan, machine: Machine, seed: int) -> float:
     points, job = anywhere_mm(VOLUME), about(ASSUMED_URAD)
-    result = solve(drive(plan, machine, np.random.default_rng(seed)), chain=job.chain, assumed=job.assumed)
+    result = solve(
+        drive(plan, machine, np.random.default_rng(seed)), chain=job.chain, assumed=job.assumed
+    )
     error = machine.error_at(points) - error_field_um(result, points)
     return rms(np.linalg.norm(without_rigid_motion(VOLUME, points, error), axis=1))
 
@@ -74,11 +80,18 @@ def _left_um(plan: Plan, machine: Machine, seed: int) -> float:
 def table(machines: int) -> None:
     """Print every survey, and in how many the statement at the end is right."""
     print("surveys driven as `next` states, to their end; um left, rms over the volume")
-    print("| angles | setups | forecast | left | gain of a further hour | stated below |\n|---|---|---|---|---|---|")
+    print(
+        "| angles | setups | forecast | left | gain of a further hour | stated below "
+        "|\n|---|---|---|---|---|---|"
+    )
     ended = []
     for number in range(machines):
         one = driven_to_its_end(number)
         ended.append(one)
         gain = f"{one.now_um - one.then_um:.2f} | {one.stated.at_most_um:.2f}"
-        print(f"| {one.angles_urad:.0f} | {one.setups} | {one.stated.now_um:.2f} | {one.now_um:.2f} | {gain} |", flush=True)
+        print(
+            f"| {one.angles_urad:.0f} | {one.setups} | {one.stated.now_um:.2f} | "
+            f"{one.now_um:.2f} | {gain} |",
+            flush=True,
+        )
     print(f"right in {sum(one.right for one in ended)} of {len(ended)}")

@@ -1,8 +1,11 @@
-"""How often is a right table refused, and a wrong one taken for right? `benchmarks.wrong_tables` prints the rates.
+"""How often is a right table refused, and a wrong one taken for right? `benchmarks.wrong_tables`
+prints the rates.
 
-Machines are drawn with errors of their own and surveyed twice, with noise: tables are made from the first survey and judged by the second.
-Every table of every machine is then spoiled in each of the ways in which tables are wrong in practice, one at a time, and judged again. A
-mutant that leaves less than half of the error is no wrong table and does not count: a bow shifted by one point is nearly itself.
+Machines are drawn with errors of their own and surveyed twice, with noise: tables are made from the
+first survey and judged by the second. Every table of every machine is then spoiled in each of the
+ways in which tables are wrong in practice, one at a time, and judged again. A mutant that leaves
+less than half of the error is no wrong table and does not count: a bow shifted by one point is
+nearly itself.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -42,15 +45,20 @@ MUTANTS: dict[str, Change] = {
     "scaled by 10": lambda table, _: replace(table, value_um=10.0 * table.value_um),
     "scaled by 0.4": lambda table, _: replace(table, value_um=0.4 * table.value_um),
     "doubled": lambda table, _: replace(table, value_um=2.0 * table.value_um),
-    "shifted by one point": lambda table, _: replace(table, position_mm=table.position_mm + table.position_mm[1] - table.position_mm[0]),
-    "wrong reference": lambda table, _: replace(table, position_mm=table.position_mm + 0.37 * np.ptp(table.position_mm)),
+    "shifted by one point": lambda table, _: replace(
+        table, position_mm=table.position_mm + table.position_mm[1] - table.position_mm[0]
+    ),
+    "wrong reference": lambda table, _: replace(
+        table, position_mm=table.position_mm + 0.37 * np.ptp(table.position_mm)
+    ),
     "zeros": lambda table, _: replace(table, value_um=0.0 * table.value_um),
 }
 
 
 @dataclass(kw_only=True)
 class Counted:
-    """How many were tried, how many of them were taken for right, and how many were named by their cause."""
+    """How many were tried, how many of them were taken for right, and how many were named by their
+    cause."""
 
     tried: int = 0
     passed: int = 0
@@ -70,11 +78,18 @@ def surveys(seed: int) -> tuple[Result, Result]:
 
     def survey() -> Result:
         return Result(
-            volume=VOLUME, chain="FXYZ", method="drawn", setups={}, findings=(),
+            volume=VOLUME,
+            chain="FXYZ",
+            method="drawn",
+            setups={},
+            findings=(),
             errors={name: _function(name, values, dice) for name, values in truth.items()},
-            squareness={name: Quantity(value=urad + NOISE_URAD * dice.normal(), u=NOISE_URAD) for name, urad in leans.items()},
+            squareness={
+                name: Quantity(value=urad + NOISE_URAD * dice.normal(), u=NOISE_URAD)
+                for name, urad in leans.items()
+            },
             scale={axis: Scale(value=None, u=None, identified=False) for axis in "XYZ"},
-        )  # fmt: skip
+        )
 
     return survey(), survey()
 
@@ -83,13 +98,21 @@ def _function(name: str, values: Vector, dice: np.random.Generator) -> Function:
     noisy = values + NOISE_UM * dice.normal(size=values.shape)
     along = np.linspace(0.0, 1.0, len(noisy))
     noisy = noisy - noisy[0] - (along * (noisy[-1] - noisy[0]) if name[1] != name[2] else 0.0)
-    return Function(position_mm=VOLUME.nodes_mm("XYZ".index(name[2])), value=noisy, u=np.full(noisy.shape, NOISE_UM), unit="um")
+    return Function(
+        position_mm=VOLUME.nodes_mm("XYZ".index(name[2])),
+        value=noisy,
+        u=np.full(noisy.shape, NOISE_UM),
+        unit="um",
+    )
 
 
 def judged(result: Result, tables: Sequence[Table]) -> dict[str, str]:
     """Return the verdict on every function."""
     found = judge(result, tables, Standing(after=tuple(tables), new=tuple(tables)), PROFILE)
-    return {each.function: each.code for each in (*found, *judge_missing(result, CONTROL, tables, PROFILE))}
+    return {
+        each.function: each.code
+        for each in (*found, *judge_missing(result, CONTROL, tables, PROFILE))
+    }
 
 
 def mutants(result: Result, tables: Sequence[Table]) -> Iterator[tuple[str, str, list[Table]]]:
@@ -108,7 +131,8 @@ def mutants(result: Result, tables: Sequence[Table]) -> Iterator[tuple[str, str,
 
 
 def counted(machines: int, first: int = 0) -> tuple[int, dict[str, Counted]]:
-    """Return how many machines had a right table refused, and what became of every kind of mutant."""
+    """Return how many machines had a right table refused, and what became of every kind of
+    mutant."""
     refused, found = 0, {kind: Counted() for kind in (*MUTANTS, "missing")}
     for seed in range(first, first + machines):
         made_from, by = surveys(seed)
@@ -128,5 +152,8 @@ def print_rates(machines: int) -> None:
     refused, found = counted(machines)
     print(f"right tables: {refused} of {machines} machines refused")
     for kind, one in found.items():
-        codes = ", ".join(f"{code} {count}" for code, count in sorted(one.codes.items(), key=lambda each: -each[1]))
+        codes = ", ".join(
+            f"{code} {count}"
+            for code, count in sorted(one.codes.items(), key=lambda each: -each[1])
+        )
         print(f"{kind:22} {one.passed:5} of {one.tried:5} taken for right; {codes}")

@@ -1,4 +1,5 @@
-"""Profiles with one field that is wrong, for every field and every way to be wrong; settings of any form."""
+"""Profiles with one field that is wrong, for every field and every way to be wrong; settings of any
+form."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -36,8 +37,27 @@ VALUES = (
 )
 TESTED = '[[sign_test]]\nkind = "eec"\ndate = 2026-01-31\nverdict = "as-error"\n'
 COMMON = {
-    "machine": {"name", "units", "direction", "functions", "squareness_into", "existing", "active_sha256", "measured_with", "controller"},
-    "axes.X": {"name", "step_mm", "reference_mm", "start_mm", "end_mm", "travel_mm", "backlash_um", "working_mm"},
+    "machine": {
+        "name",
+        "units",
+        "direction",
+        "functions",
+        "squareness_into",
+        "existing",
+        "active_sha256",
+        "measured_with",
+        "controller",
+    },
+    "axes.X": {
+        "name",
+        "step_mm",
+        "reference_mm",
+        "start_mm",
+        "end_mm",
+        "travel_mm",
+        "backlash_um",
+        "working_mm",
+    },
     "limits": {"value_um", "warn_value_um", "change_um", "slope_um_mm", "points"},
 }
 
@@ -45,14 +65,19 @@ COMMON = {
 def cases() -> dict[str, Callable[[], Any]]:
     """Return the fields by their section."""
     found: dict[str, Callable[[], Any]] = {
-        f"common-{name}": lambda name=name, fields=fields: _fields("siemens", name, sorted(fields)) for name, fields in COMMON.items()
+        f"common-{name}": lambda name=name, fields=fields: _fields("siemens", name, sorted(fields))
+        for name, fields in COMMON.items()
     }
     for control in SECTIONS:
         fields = [field.name for field in msgspec.structs.fields(controller_named(control).options)]
         if fields:
-            found[f"section-{control}"] = lambda control=control, fields=fields: _fields(control, control, fields)
+            found[f"section-{control}"] = lambda control=control, fields=fields: _fields(
+                control, control, fields
+            )
     found["section-fanuc-axis"] = lambda: _fields(
-        "fanuc", "fanuc.axes.X", ["number", "reference_point", "reverse_first_point", "magnification", "inclination"]
+        "fanuc",
+        "fanuc.axes.X",
+        ["number", "reference_point", "reverse_first_point", "magnification", "inclination"],
     )
     found["whole"] = _whole
     found["grids"] = _grids
@@ -69,17 +94,25 @@ def _fields(control: str, section: str, fields: list[str]) -> Any:
     for field in [*fields, fields[0][:-1] + "q", "other"]:
         for value in VALUES if field in fields else VALUES[:1]:
             text = _with(whole, section, field, value)
-            found[f"{field} = {value}"] = plain.attempted(partial(_read, text, control, section, field))
+            found[f"{field} = {value}"] = plain.attempted(
+                partial(_read, text, control, section, field)
+            )
     return plain.grouped(found)
 
 
 def _read(text: str, control: str, section: str, field: str) -> Any:
-    return _taken(parse_profile(text, "p.toml", controller_named(control), VOLUME, {}), section, field)
+    return _taken(
+        parse_profile(text, "p.toml", controller_named(control), VOLUME, {}), section, field
+    )
 
 
 def _taken(profile: Profile, section: str, field: str) -> Any:
     """Return a field as it was taken."""
-    holder: Any = {"machine": profile.machine, "axes.X": profile.axes.get("X"), "limits": profile.limits}.get(section, profile.options)
+    holder: Any = {
+        "machine": profile.machine,
+        "axes.X": profile.axes.get("X"),
+        "limits": profile.limits,
+    }.get(section, profile.options)
     if section == "fanuc.axes.X":
         holder = holder.axes["X"]
     value = getattr(holder, field)
@@ -111,30 +144,44 @@ def _whole() -> Any:
         "no TOML": base + "[",
         "empty": "",
         "machine is no table": "machine = 3\n",
-        "section is no table": base.replace("[siemens]\nmeasuring_system = 1\nold_enabled = true\nold_weight = 1.0", "").replace(
-            "[machine]", "siemens = 3\n[machine]"
-        ),
+        "section is no table": base.replace(
+            "[siemens]\nmeasuring_system = 1\nold_enabled = true\nold_weight = 1.0", ""
+        ).replace("[machine]", "siemens = 3\n[machine]"),
         "a byte order mark": "\ufeff" + base,
         "deep": base + "a" + ".a" * 30 + " = 1\n",
         "missing axis field": base.replace("step_mm = 100.0", ""),
         "a sign test": base + TESTED,
         "of another kind": base + TESTED + TESTED.replace("eec", "com"),
-        "of another verdict": base + '[[sign_test]]\nkind = "eec"\ndate = 2026-01-31\nverdict = "right"\n',
+        "of another verdict": base
+        + '[[sign_test]]\nkind = "eec"\ndate = 2026-01-31\nverdict = "right"\n',
         "without a date": base + '[[sign_test]]\nkind = "eec"\nverdict = "as-error"\n',
-        "dated by a text": base + '[[sign_test]]\nkind = "eec"\ndate = "soon"\nverdict = "as-error"\n',
+        "dated by a text": base
+        + '[[sign_test]]\nkind = "eec"\ndate = "soon"\nverdict = "as-error"\n',
         "files not given": base.replace("existing = []", 'existing = ["a.ini", "b.ini"]'),
         "on without files": base.replace('"off"', '"on"'),
         "only X and Z": base.replace("[axes.Y]", "[axes.Z]\n#").partition("[axes.Z]\nname")[0],
     }
     found: dict[str, Any] = {
-        name: plain.attempted(lambda text=text: _said(parse_profile(text, "p.toml", controller_named("siemens"), VOLUME, {})))
+        name: plain.attempted(
+            lambda text=text: _said(
+                parse_profile(text, "p.toml", controller_named("siemens"), VOLUME, {})
+            )
+        )
         for name, text in texts.items()
     }
     found["without a volume"] = plain.attempted(lambda: _said(profile_of("siemens", volume=None)))
-    found["with files"] = plain.attempted(lambda: _said(profile_of("siemens", files={"A/b.ini": b"x", "c.ini": b"y"})))
-    found["quick"] = {name: _said(quick_profile(control, VOLUME, 25.0)) for name, control in CONTROLLERS.items()}
-    found["options of another"] = plain.attempted(lambda: profile_of("siemens").options_as(controller_named("fanuc").options))
-    found["axis of another"] = plain.attempted(lambda: profile_of("siemens").letter_of("X9", "a.ini: line 3"))
+    found["with files"] = plain.attempted(
+        lambda: _said(profile_of("siemens", files={"A/b.ini": b"x", "c.ini": b"y"}))
+    )
+    found["quick"] = {
+        name: _said(quick_profile(control, VOLUME, 25.0)) for name, control in CONTROLLERS.items()
+    }
+    found["options of another"] = plain.attempted(
+        lambda: profile_of("siemens").options_as(controller_named("fanuc").options)
+    )
+    found["axis of another"] = plain.attempted(
+        lambda: profile_of("siemens").letter_of("X9", "a.ini: line 3")
+    )
     found["no such axis"] = plain.attempted(lambda: profile_of("siemens").axis("W"))
     return found
 
@@ -177,23 +224,37 @@ def _grids() -> Any:
         axis = f"start_mm = {float(start)}\nend_mm = {float(end)}\nreference_mm = 0.0"
         profile = profile_of("siemens", steps={"X": float(step)}, axis={"X": axis})
         found[f"{start:g} to {end:g} by {step!r}"] = plain.attempted(
-            lambda profile=profile: [len(profile.grid_mm("X")), *profile.grid_mm("X")[[0, 1, -1]].tolist()]
+            lambda profile=profile: [
+                len(profile.grid_mm("X")),
+                *profile.grid_mm("X")[[0, 1, -1]].tolist(),
+            ]
         )
     found["no ends"] = plain.attempted(lambda: profile_of("siemens", volume=None).grid_mm("Y"))
     return found
 
 
 def _answers() -> Any:
-    texts = ('a = "?"\n', 'a = 1\nb = ["x", "?"]\n[c]\nd = "?"\n[[e]]\nf = "?"\n', "a = 1\n", "[a.b]\nc = '?'\n")
+    texts = (
+        'a = "?"\n',
+        'a = 1\nb = ["x", "?"]\n[c]\nd = "?"\n[[e]]\nf = "?"\n',
+        "a = 1\n",
+        "[a.b]\nc = '?'\n",
+    )
     found: dict[str, Any] = {
-        text: plain.attempted(lambda text=text: require_answers(read_toml(text, "s.toml"), "s.toml")) for text in texts
+        text: plain.attempted(
+            lambda text=text: require_answers(read_toml(text, "s.toml"), "s.toml")
+        )
+        for text in texts
     }
     for depth in (18, 19, 20, 21, 22):
         name = ".".join(["a"] * depth)
         for text in (f"{name} = 1\n", f"x = 1\n\n[{name}]\n"):
-            found[f"{depth} parts {text[0]}"] = plain.attempted(lambda text=text: len(str(read_toml(text, "s.toml"))) > 0)
+            found[f"{depth} parts {text[0]}"] = plain.attempted(
+                lambda text=text: len(str(read_toml(text, "s.toml"))) > 0
+            )
     found["nearest"] = {
-        word: nearest(word, ["measuring_system", "eec_points", "products"]) for word in ("products", "product", "eec", "zzz", "mesuring")
+        word: nearest(word, ["measuring_system", "eec_points", "products"])
+        for word in ("products", "product", "eec", "zzz", "mesuring")
     }
     return found
 
@@ -250,14 +311,36 @@ def _models() -> Any:
             f'"{"long " * 20}"',
         )
     )
-    found = {text: plain.attempted(lambda text=text: str(convert(read_toml(text, "s.toml"), _Model, "s.toml"))) for text in texts}
+    found = {
+        text: plain.attempted(
+            lambda text=text: str(convert(read_toml(text, "s.toml"), _Model, "s.toml"))
+        )
+        for text in texts
+    }
     return plain.grouped(found)
 
 
 def _machines() -> Any:
     found = {}
-    for survey in ("test machine", "Test  Machine", "TESTMACHINE", "", "machine", "?", " Machine ", "other", 3, None):
+    for survey in (
+        "test machine",
+        "Test  Machine",
+        "TESTMACHINE",
+        "",
+        "machine",
+        "?",
+        " Machine ",
+        "other",
+        3,
+        None,
+    ):
         result = result_of(survey={"machine": survey})
-        found[f"{survey}"] = plain.attempted(lambda result=result: require_same_machine(result, profile_of("siemens")))
-    found["no survey"] = plain.attempted(lambda: require_same_machine(PLAIN, quick_profile(controller_named("siemens"), VOLUME, 60.0)))
+        found[f"{survey}"] = plain.attempted(
+            lambda result=result: require_same_machine(result, profile_of("siemens"))
+        )
+    found["no survey"] = plain.attempted(
+        lambda: require_same_machine(
+            PLAIN, quick_profile(controller_named("siemens"), VOLUME, 60.0)
+        )
+    )
     return found

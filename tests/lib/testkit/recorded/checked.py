@@ -1,4 +1,5 @@
-"""Every check of tables at its limit, just beyond it, and well beyond: what is found, with its whole text.
+"""Every check of tables at its limit, just beyond it, and well beyond: what is found, with its
+whole text.
 
 The tables hold whole numbers of um and mm, so that a limit is met exactly on every processor.
 """
@@ -16,7 +17,13 @@ from stepdiag.base.result.members import SetupReport
 from stepdiag.base.result.result import Quantity, Result
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
+from stepdiag.exporters.safety.checks import (
+    Case,
+    check_round_trip,
+    refuse,
+    run_checks,
+    untested_kinds,
+)
 from stepdiag.exporters.safety.gate import gate_findings, require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um, remarks
 from stepdiag.exporters.safety.standing import Standing, lost_in_field, standing_findings
@@ -50,7 +57,11 @@ def table_of(
     **place: Any,
 ) -> Table:
     """Return a table by its values."""
-    times = Multiplier(axis=lever, position_mm=np.array([-150.0, 30.0]), value=np.array([-1.0, 1.0])) if lever else None
+    times = (
+        Multiplier(axis=lever, position_mm=np.array([-150.0, 30.0]), value=np.array([-1.0, 1.0]))
+        if lever
+        else None
+    )
     return Table(
         kind=kind,
         input_axis=name[2],
@@ -67,7 +78,13 @@ def table_of(
 
 
 def curve_of(name: str, um: Sequence[float], u: float, at: Sequence[float] = GRID) -> Curve:
-    return Curve(name=name, position_mm=np.array(at), forward_um=np.array(um), u_um=np.full(len(at), u), parts=(name,))
+    return Curve(
+        name=name,
+        position_mm=np.array(at),
+        forward_um=np.array(um),
+        u_um=np.full(len(at), u),
+        parts=(name,),
+    )
 
 
 @dataclass(frozen=True)
@@ -85,11 +102,16 @@ class Own:
 
 
 def limited(profile: Profile, **limits: Any) -> Profile:
-    return replace(profile, limits=msgspec.structs.replace(profile.limits, **{"slope_um_mm": None, **limits}))
+    return replace(
+        profile, limits=msgspec.structs.replace(profile.limits, **{"slope_um_mm": None, **limits})
+    )
 
 
 def with_axis(profile: Profile, letter: str = "X", **changes: Any) -> Profile:
-    return replace(profile, axes={**profile.axes, letter: msgspec.structs.replace(profile.axes[letter], **changes)})
+    return replace(
+        profile,
+        axes={**profile.axes, letter: msgspec.structs.replace(profile.axes[letter], **changes)},
+    )
 
 
 def checked(
@@ -103,14 +125,31 @@ def checked(
     control: str = "siemens",
     whole: bool = False,
 ) -> list[str]:
-    """Return what the checks find; as a ``whole`` what the remarks say, and the kinds that were not tried."""
+    """Return what the checks find; as a ``whole`` what the remarks say, and the kinds that were not
+    tried."""
     profile = profile or limited(profile_of("siemens"))
     controller = controller_named(control) if own is None else Own(controller_named(control), own)
-    case = Case(controller=controller, profile=profile, result=result, curves=curves, tables=tables, previous=before, today=TODAY)
+    case = Case(
+        controller=controller,
+        profile=profile,
+        result=result,
+        curves=curves,
+        tables=tables,
+        previous=before,
+        today=TODAY,
+    )
     found = [said(item) for item in run_checks(case)]
     if any("not-finite" in each for each in found):
         return found
-    return [*found, *(said(item) for item in remarks(case)), "untested: " + ", ".join(untested_kinds(case))] if whole else found
+    return (
+        [
+            *found,
+            *(said(item) for item in remarks(case)),
+            "untested: " + ", ".join(untested_kinds(case)),
+        ]
+        if whole
+        else found
+    )
 
 
 def cases() -> dict[str, Callable[[], Any]]:
@@ -144,22 +183,41 @@ def _finite() -> Any:
         "endless": checked([table_of((0, 1, np.inf, 0))]),
         "place": checked([table_of((0, 1, 2, 0), at=(-200, -100, np.nan, 100))]),
         "one place": checked([table_of((0, 1, 2, 0), at=(-200, -100, -100, 100))]),
-        "falling": checked([table_of((0, 1, 2, 0), at=(-200, 0, -100, 100)), table_of((0, 1, 2, 0))]),
+        "falling": checked(
+            [table_of((0, 1, 2, 0), at=(-200, 0, -100, 100)), table_of((0, 1, 2, 0))]
+        ),
         "a micron apart": checked([table_of((0, 1, 1, 0), at=(-200, -100, -99.999, 100))]),
     }
 
 
 def _values() -> Any:
     profile = limited(profile_of("siemens"), value_um=64.0, warn_value_um=32.0)
-    found = {f"{um:g} µm": checked([table_of((0, 0, um, 0))], profile=profile) for um in (0, 1, 31, 32, 33, 64, 65, -32, -33, -64, -65)}
-    found |= {
-        f"{um:g} µm, own limit": checked([table_of((0, 0, um, 0))], profile=profile, own=Limits(value_um=16.0)) for um in (16, 17, -17, 65)
+    found = {
+        f"{um:g} µm": checked([table_of((0, 0, um, 0))], profile=profile)
+        for um in (0, 1, 31, 32, 33, 64, 65, -32, -33, -64, -65)
     }
-    found["own limit above"] = checked([table_of((0, 0, 65, 0))], profile=profile, own=Limits(value_um=128.0))
-    found["two directions"] = checked([table_of((0, 0, 30, 0), direction=1), table_of((0, 0, 34, 0), direction=-1)], profile=profile)
-    found["together"] = checked([table_of((0, 0, 30, 0)), table_of((0, 0, 10, 0), kind="cec", table=4)], profile=profile)
-    found["against each other"] = checked([table_of((0, 0, 66, 0)), table_of((0, 0, -10, 0), kind="cec", table=4)], profile=profile)
-    found["incremental"] = checked([table_of((0, 20, 20, 0), law=Law(sense="as-error", data="incremental"))], profile=profile)
+    found |= {
+        f"{um:g} µm, own limit": checked(
+            [table_of((0, 0, um, 0))], profile=profile, own=Limits(value_um=16.0)
+        )
+        for um in (16, 17, -17, 65)
+    }
+    found["own limit above"] = checked(
+        [table_of((0, 0, 65, 0))], profile=profile, own=Limits(value_um=128.0)
+    )
+    found["two directions"] = checked(
+        [table_of((0, 0, 30, 0), direction=1), table_of((0, 0, 34, 0), direction=-1)],
+        profile=profile,
+    )
+    found["together"] = checked(
+        [table_of((0, 0, 30, 0)), table_of((0, 0, 10, 0), kind="cec", table=4)], profile=profile
+    )
+    found["against each other"] = checked(
+        [table_of((0, 0, 66, 0)), table_of((0, 0, -10, 0), kind="cec", table=4)], profile=profile
+    )
+    found["incremental"] = checked(
+        [table_of((0, 20, 20, 0), law=Law(sense="as-error", data="incremental"))], profile=profile
+    )
     found["product"] = checked([table_of((0, 0, 40, 0), lever="Z", table=1)], profile=profile)
     return found
 
@@ -167,31 +225,62 @@ def _values() -> Any:
 def _change() -> Any:
     profile = limited(profile_of("siemens"), change_um=16.0, slope_um_mm=2.0)
     old = [table_of((0, 1, 2, 3))]
-    found = {f"to {um:g} µm": checked([table_of((0, 1, um, 3))], before=old, profile=profile) for um in (2, 17, 18, 19, -14, -15)}
-    found["of zeros"] = checked([table_of((0, 1, 40, 3))], before=[table_of((0, 0, 0, 0))], profile=profile)
-    found["to zeros"] = checked([table_of((0, 0, 0, 0))], before=[table_of((0, 40, 0, 0))], profile=profile)
-    found["of another"] = checked([table_of((0, 1, 40, 3))], before=[table_of((0, 1, 2, 3), "EYX", kind="cec")], profile=profile)
-    found["of two"] = checked([table_of((0, 1, 40, 3))], before=[*old, table_of((0, 0, 30, 0), kind="cec")], profile=profile)
-    found["by two"] = checked([table_of((0, 1, 2, 3)), table_of((0, 0, 20, 0), kind="cec", table=0)], before=old, profile=profile)
-    found["one direction"] = checked([table_of((0, 1, 40, 3), direction=-1)], before=old, profile=profile)
+    found = {
+        f"to {um:g} µm": checked([table_of((0, 1, um, 3))], before=old, profile=profile)
+        for um in (2, 17, 18, 19, -14, -15)
+    }
+    found["of zeros"] = checked(
+        [table_of((0, 1, 40, 3))], before=[table_of((0, 0, 0, 0))], profile=profile
+    )
+    found["to zeros"] = checked(
+        [table_of((0, 0, 0, 0))], before=[table_of((0, 40, 0, 0))], profile=profile
+    )
+    found["of another"] = checked(
+        [table_of((0, 1, 40, 3))],
+        before=[table_of((0, 1, 2, 3), "EYX", kind="cec")],
+        profile=profile,
+    )
+    found["of two"] = checked(
+        [table_of((0, 1, 40, 3))],
+        before=[*old, table_of((0, 0, 30, 0), kind="cec")],
+        profile=profile,
+    )
+    found["by two"] = checked(
+        [table_of((0, 1, 2, 3)), table_of((0, 0, 20, 0), kind="cec", table=0)],
+        before=old,
+        profile=profile,
+    )
+    found["one direction"] = checked(
+        [table_of((0, 1, 40, 3), direction=-1)], before=old, profile=profile
+    )
     return found
 
 
 def _slope() -> Any:
     profile = limited(profile_of("siemens"), value_um=900.0, warn_value_um=900.0)
-    found = {f"{um:g} µm in 100 mm": checked([table_of((0, 0, um, um))], profile=profile) for um in (19, 20, 21, -20, -21)}
+    found = {
+        f"{um:g} µm in 100 mm": checked([table_of((0, 0, um, um))], profile=profile)
+        for um in (19, 20, 21, -20, -21)
+    }
     steep = limited(profile_of("siemens"), slope_um_mm=0.5, value_um=900.0, warn_value_um=900.0)
-    found |= {f"{um:g} µm in 100 mm, to 0.5": checked([table_of((0, um, um, um))], profile=steep) for um in (49, 50, 51)}
+    found |= {
+        f"{um:g} µm in 100 mm, to 0.5": checked([table_of((0, um, um, um))], profile=steep)
+        for um in (49, 50, 51)
+    }
     none = Limits(slope_um_mm=None)
     found["no limit"] = checked([table_of((0, 0, 500, 500))], profile=profile, own=none)
     for um in (24, 25, 26, -25, -26):
-        found[f"{um:g} µm to the next, 25"] = checked([table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um=25.0))
+        found[f"{um:g} µm to the next, 25"] = checked(
+            [table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um=25.0)
+        )
         found[f"{um:g} µm to the next, a 4th of a mm"] = checked(
             [table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um_mm=0.25)
         )
     both = replace(none, neighbour_um=30.0, neighbour_um_mm=0.25)
     found["the narrower"] = checked([table_of((0, 0, 0, 27))], profile=profile, own=both)
-    found["the wider"] = checked([table_of((0, 28, 28, 28), at=(-200, -40, 0, 100))], profile=profile, own=both)
+    found["the wider"] = checked(
+        [table_of((0, 28, 28, 28), at=(-200, -40, 0, 100))], profile=profile, own=both
+    )
     found["unequal"] = checked([table_of((0, 5, 5, 5), at=(-200, -190, 0, 100))], profile=profile)
     return found
 
@@ -200,26 +289,43 @@ def _points() -> Any:
     profile = limited(profile_of("siemens"))
     found = {}
     for points in (3, 4, 5):
-        found[f"4 of {points}"] = checked([table_of((0, 1, 2, 0))], profile=profile, own=Limits(points=points))
-        found[f"4 of {points}, the profile's"] = checked([table_of((0, 1, 2, 0))], profile=limited(profile, points=points))
-    found["the less of both"] = checked([table_of((0, 1, 2, 0))], profile=limited(profile, points=3), own=Limits(points=2))
+        found[f"4 of {points}"] = checked(
+            [table_of((0, 1, 2, 0))], profile=profile, own=Limits(points=points)
+        )
+        found[f"4 of {points}, the profile's"] = checked(
+            [table_of((0, 1, 2, 0))], profile=limited(profile, points=points)
+        )
+    found["the less of both"] = checked(
+        [table_of((0, 1, 2, 0))], profile=limited(profile, points=3), own=Limits(points=2)
+    )
     three = [table_of((0, 1, 2, 0), "EYX", kind="cec", table=number) for number in range(3)]
     for held in (2, 3, 4):
         found[f"3 tables of {held}"] = checked(three, profile=profile, own=Limits(tables=held))
     for number in (2, 3, 4):
         found[f"number {number} of 4"] = checked(
-            [table_of((0, 1, 2, 0), "EYX", kind="cec", table=number)], profile=profile, own=Limits(tables=4)
+            [table_of((0, 1, 2, 0), "EYX", kind="cec", table=number)],
+            profile=profile,
+            own=Limits(tables=4),
         )
-    found["without numbers"] = checked([table_of((0, 1, 2, 0), name) for name in ("EXX", "EYX")], profile=profile, own=Limits(tables=1))
+    found["without numbers"] = checked(
+        [table_of((0, 1, 2, 0), name) for name in ("EXX", "EYX")],
+        profile=profile,
+        own=Limits(tables=1),
+    )
     return found
 
 
 def _reference() -> Any:
     profile = limited(profile_of("siemens"))
-    found = {f"{um:g} µm": checked([table_of((um, 1, 2, 0))], profile=profile) for um in (0, 0.25, 0.5, 0.75, 1, -0.5, -0.75)}
+    found = {
+        f"{um:g} µm": checked([table_of((um, 1, 2, 0))], profile=profile)
+        for um in (0, 0.25, 0.5, 0.75, 1, -0.5, -0.75)
+    }
     for wanted in (2.0, -2.0):
         for um in (2, 2.5, 2.75, -2.75, 3):
-            found[f"{um:g} µm, {wanted:g} wanted"] = checked([table_of((um, 1, 2, 0))], profile=profile, own=Limits(reference_um=wanted))
+            found[f"{um:g} µm, {wanted:g} wanted"] = checked(
+                [table_of((um, 1, 2, 0))], profile=profile, own=Limits(reference_um=wanted)
+            )
     found["extended"] = checked([table_of((5, 1), at=(-200, 100), law=EXTENDED)], profile=profile)
     found["- direction"] = checked([table_of((5, 1, 2, 0), direction=-1)], profile=profile)
     found["+ direction"] = checked([table_of((5, 1, 2, 0), direction=1)], profile=profile)
@@ -231,8 +337,17 @@ def _reference() -> Any:
 def _travel() -> Any:
     profile = limited(profile_of("siemens"))
     found = {}
-    for travel in ((-200.0, 100.0), (-200.5, 100.0), (-200.0, 100.5), (-190.0, 90.0), (-300.0, 300.0), (-200.0005, 100.0005)):
-        found[f"{travel}"] = checked([table_of((2, 1, 2, 3.5))], profile=with_axis(profile, travel_mm=travel))
+    for travel in (
+        (-200.0, 100.0),
+        (-200.5, 100.0),
+        (-200.0, 100.5),
+        (-190.0, 90.0),
+        (-300.0, 300.0),
+        (-200.0005, 100.0005),
+    ):
+        found[f"{travel}"] = checked(
+            [table_of((2, 1, 2, 3.5))], profile=with_axis(profile, travel_mm=travel)
+        )
     wide = with_axis(profile, travel_mm=(-300.0, 300.0))
     found["extended"] = checked([table_of((0, 1), at=(-200, 100), law=EXTENDED)], profile=wide)
     found["empty"] = checked([table_of((0, 0, 0, 0))], profile=wide)
@@ -245,11 +360,22 @@ def _units() -> Any:
     inch = {
         control: checked(
             tables,
-            profile=replace(profile_of("siemens"), machine=msgspec.structs.replace(profile_of("siemens").machine, units="inch")),
+            profile=replace(
+                profile_of("siemens"),
+                machine=msgspec.structs.replace(profile_of("siemens").machine, units="inch"),
+            ),
             own=Limits(),
             control=control,
         )
-        for control in ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor")
+        for control in (
+            "siemens",
+            "fanuc",
+            "heidenhain",
+            "linuxcnc",
+            "beckhoff",
+            "mitsubishi",
+            "fagor",
+        )
     }
     twice = with_axis(with_axis(limited(profile_of("siemens")), "Y", name="X1"), "Z", name="X1")
     return {"inch": inch, "one name": checked(tables, profile=twice)}
@@ -264,26 +390,50 @@ def _reversal() -> Any:
         of_axis = with_axis(profile, backlash_um=backlash)
         found[f"backlash {backlash}"] = checked(both, profile=of_axis)
         found[f"backlash {backlash}, another axis"] = checked(cross, profile=of_axis)
-        found[f"backlash {backlash}, not looked at"] = checked(both, profile=of_axis, own=Limits(ends_backlash=True))
-    found["one table"] = checked([table_of((0, 1, 2, 0))], profile=with_axis(profile, backlash_um=3.0))
+        found[f"backlash {backlash}, not looked at"] = checked(
+            both, profile=of_axis, own=Limits(ends_backlash=True)
+        )
+    found["one table"] = checked(
+        [table_of((0, 1, 2, 0))], profile=with_axis(profile, backlash_um=3.0)
+    )
     return found
 
 
 def _quality() -> Any:
     tables = [table_of((0, 4, 2, 0))]
 
-    def of(stated: Any, curves: Sequence[Curve] = (), findings: tuple[Finding, ...] = ()) -> list[str]:
-        return checked(tables, result=replace(PLAIN, setups=setups(**stated), findings=findings), curves=curves, whole=bool(findings))
+    def of(
+        stated: Any, curves: Sequence[Curve] = (), findings: tuple[Finding, ...] = ()
+    ) -> list[str]:
+        return checked(
+            tables,
+            result=replace(PLAIN, setups=setups(**stated), findings=findings),
+            curves=curves,
+            whole=bool(findings),
+        )
 
-    found = {f"repeats to {um:g} µm": of({"ppp": {"passes": [1, 2], "repeatability_um": um}}) for um in (0, 1, 2, 2.25, 3, -1)}
+    found = {
+        f"repeats to {um:g} µm": of({"ppp": {"passes": [1, 2], "repeatability_um": um}})
+        for um in (0, 1, 2, 2.25, 3, -1)
+    }
     found["the worst of two"] = of(
-        {"ppp": {"repeatability_um": 2.5}, "npp": {"repeatability_um": 3.5}, "pnp": {"repeatability_um": None}, "ppn": {}}
+        {
+            "ppp": {"repeatability_um": 2.5},
+            "npp": {"repeatability_um": 3.5},
+            "pnp": {"repeatability_um": None},
+            "ppn": {},
+        }
     )
     for um in (1.75, 2.0, 2.25):
         found[f"{um:g} µm beside U of 1"] = of({}, [curve_of("EXX", (0, um, 0, 0), 1.0)])
-        found[f"{um:g} µm beside U of 1 and one beyond"] = of({}, [curve_of("EXX", (0, um, 0, 0), 1.0), curve_of("EYY", (0, 9, 0, 0), 1.0)])
+        found[f"{um:g} µm beside U of 1 and one beyond"] = of(
+            {}, [curve_of("EXX", (0, um, 0, 0), 1.0), curve_of("EYY", (0, 9, 0, 0), 1.0)]
+        )
     found["nothing known of U"] = of({}, [curve_of("EXX", (0, 0, 0, 0), np.nan)])
-    errors = tuple(Finding(code=f"code-{severity}", severity=severity, text="what it says") for severity in ("info", "warning", "error"))
+    errors = tuple(
+        Finding(code=f"code-{severity}", severity=severity, text="what it says")
+        for severity in ("info", "warning", "error")
+    )
     found["what the result says"] = of({}, findings=errors)
     return found
 
@@ -295,15 +445,28 @@ def _sign() -> Any:
     def of(*records: tuple[str, date, str]) -> list[str]:
         about = {"machine": profile.machine.name, "control": "siemens", "measuring_system": "1"}
         files = {"bump_sha256": ["b" * 64], "runs_sha256": ["a" * 64]}
-        tests = tuple(SignTestRecord(kind=kind, date=day, verdict=verdict, **about, **files) for kind, day, verdict in records)
+        tests = tuple(
+            SignTestRecord(kind=kind, date=day, verdict=verdict, **about, **files)
+            for kind, day, verdict in records
+        )
         return checked(tables, profile=replace(profile, sign_tests=tests), whole=True)
 
     found: dict[str, Any] = {"none": of()}
-    for day in (date(2026, 6, 1), date(2026, 6, 2), date(2025, 6, 1), date(2025, 5, 31), date(2025, 6, 2)):
+    for day in (
+        date(2026, 6, 1),
+        date(2026, 6, 2),
+        date(2025, 6, 1),
+        date(2025, 5, 31),
+        date(2025, 6, 2),
+    ):
         found[f"{day}"] = of(("eec", day, "as-error"), ("cec", day, "as-compensation"))
-    found["contradicted"] = of(("eec", date(2026, 5, 1), "as-compensation"), ("cec", date(2026, 5, 1), "as-error"))
+    found["contradicted"] = of(
+        ("eec", date(2026, 5, 1), "as-compensation"), ("cec", date(2026, 5, 1), "as-error")
+    )
     found["of another kind"] = of(("cec-product", date(2026, 5, 1), "as-compensation"))
-    found["neutral"] = checked(tables, control="neutral", profile=limited(profile_of("neutral")), own=Limits(), whole=True)
+    found["neutral"] = checked(
+        tables, control="neutral", profile=limited(profile_of("neutral")), own=Limits(), whole=True
+    )
     return found
 
 
@@ -315,7 +478,9 @@ def _round_trip() -> Any:
 
     found: dict[str, Any] = {"the same": of(*planned), "nothing": of(), "one": of(planned[1])}
     for um in (0.25, 0.5, 0.75, -0.5, -0.75, 7):
-        found[f"off by {um:g}"] = of(replace(planned[0], value_um=planned[0].value_um + np.array([0, um, 0, 0])), planned[1])
+        found[f"off by {um:g}"] = of(
+            replace(planned[0], value_um=planned[0].value_um + np.array([0, um, 0, 0])), planned[1]
+        )
     found["in two"] = of(table_of((0, 0.5, 1, 0)), table_of((0, 0.5, 1, 0)), planned[1])
     found["of another kind"] = of(replace(planned[0], kind="cec"), planned[1])
     found["not a number"] = of(table_of((0, np.nan, 2, 0)), planned[1])
@@ -379,10 +544,17 @@ def _clean() -> Any:
         "x.5y",
         "0.0000000001",
     )
-    found = {text: plain.attempted(lambda text=text: require_clean([ControlFile(name="a.txt", data=text.encode())])) for text in texts}
+    found = {
+        text: plain.attempted(
+            lambda text=text: require_clean([ControlFile(name="a.txt", data=text.encode())])
+        )
+        for text in texts
+    }
     many = ControlFile(name="many.txt", data=b"ok 1\nnan\ninf\n\xe4\n1e9\n.5\n")
     found["many"] = plain.attempted(lambda: require_clean([many]))
-    found["own lines"] = plain.attempted(lambda: require_clean([many], [ControlFile(name="o", data=b"nan\ninf\n\xe4\n")]))
+    found["own lines"] = plain.attempted(
+        lambda: require_clean([many], [ControlFile(name="o", data=b"nan\ninf\n\xe4\n")])
+    )
     found["a note"] = plain.attempted(lambda: require_clean([replace(many, role="note")]))
     return found
 
@@ -391,9 +563,19 @@ def _gate() -> Any:
     profile = limited(profile_of("siemens"))
     controller = controller_named("siemens")
 
-    def of(*read: Table, travel: tuple[float, float] | None = None, limits: Any = None) -> list[str]:
+    def of(
+        *read: Table, travel: tuple[float, float] | None = None, limits: Any = None
+    ) -> list[str]:
         own = limited(with_axis(profile, travel_mm=travel), **(limits or {}))
-        case = Case(controller=controller, profile=own, result=PLAIN, curves=(), tables=read, previous=(), today=TODAY)
+        case = Case(
+            controller=controller,
+            profile=own,
+            result=PLAIN,
+            curves=(),
+            tables=read,
+            previous=(),
+            today=TODAY,
+        )
         return [said(item) for item in gate_findings(case, read, Standing(after=read, new=read))]
 
     right = table_of((-3.3, 0, 3.8, 8.5), quantum=0.1, reference=-100.0)
@@ -402,9 +584,19 @@ def _gate() -> Any:
         "turned": of(replace(right, value_um=-right.value_um)),
         "nan": of(table_of((0, np.nan, 0, 0))),
     }
-    for travel in ((-200.0, 100.0), (-100.0, 0.0), (-99.0, 100.0), (-100.0, 100.0), (-200.0, 0.0), (-200.0, -1.0), (-200.0, 1.0)):
+    for travel in (
+        (-200.0, 100.0),
+        (-100.0, 0.0),
+        (-99.0, 100.0),
+        (-100.0, 100.0),
+        (-200.0, 0.0),
+        (-200.0, -1.0),
+        (-200.0, 1.0),
+    ):
         found[f"travel {travel}"] = of(right, travel=travel)
-    found["empty, beyond the travel"] = of(replace(right, value_um=0.0 * right.value_um), travel=(-10.0, 10.0))
+    found["empty, beyond the travel"] = of(
+        replace(right, value_um=0.0 * right.value_um), travel=(-10.0, 10.0)
+    )
     found["extended, beyond the travel"] = of(replace(right, law=EXTENDED), travel=(-10.0, 10.0))
     found["beyond limits"] = of(right, limits={"value_um": 8.0, "points": 3, "slope_um_mm": 0.01})
     return found
@@ -415,7 +607,11 @@ def _standing() -> Any:
     off = profile
     on = replace(profile, machine=msgspec.structs.replace(profile.machine, measured_with="on"))
     few = replace(profile, machine=msgspec.structs.replace(profile.machine, functions=["EXX"]))
-    exx, old, eyx = table_of((0, 4, 2, 0)), table_of((0, 9, 2, 6), axis="old"), table_of((0, 1, 5, 0), "EYX", kind="cec", table=0)
+    exx, old, eyx = (
+        table_of((0, 4, 2, 0)),
+        table_of((0, 9, 2, 6), axis="old"),
+        table_of((0, 1, 5, 0), "EYX", kind="cec", table=0),
+    )
     wide = table_of((7, 0, 9, 2, 6, 9), at=(-300, -200, -100, 0, 100, 200), axis="old")
     product = table_of((0, 4, 2, 0), "EYX", kind="cec-product", lever="Z", table=4)
     states = {
@@ -427,20 +623,41 @@ def _standing() -> Any:
         "lost": ((eyx,), (exx,), (exx,)),
         "lost, empty": ((replace(eyx, value_um=0 * eyx.value_um),), (exx,), (exx,)),
         "shrunk": ((wide,), (exx,), (exx,)),
-        "shrunk a little": ((replace(wide, value_um=np.array([1.5, 1, 9, 2, 6, 6.75])),), (exx,), (exx,)),
-        "shrunk by a micron": ((replace(wide, value_um=np.array([2.0, 1, 9, 2, 6, 7.0])),), (exx,), (exx,)),
-        "shrunk, two directions": ((replace(wide, direction=-1), replace(wide, direction=1)), (exx,), (exx,)),
+        "shrunk a little": (
+            (replace(wide, value_um=np.array([1.5, 1, 9, 2, 6, 6.75])),),
+            (exx,),
+            (exx,),
+        ),
+        "shrunk by a micron": (
+            (replace(wide, value_um=np.array([2.0, 1, 9, 2, 6, 7.0])),),
+            (exx,),
+            (exx,),
+        ),
+        "shrunk, two directions": (
+            (replace(wide, direction=-1), replace(wide, direction=1)),
+            (exx,),
+            (exx,),
+        ),
         "product stays": ((product,), (product, eyx), (eyx,)),
         "product stays, of another": ((product,), (product, exx), (exx,)),
         "product lost": ((product,), (exx,), (exx,)),
         "product changed": (
             (product,),
-            (replace(product, multiplier=replace(product.multiplier, value=np.array([-1.0, 0.5]))), exx),
+            (
+                replace(
+                    product, multiplier=replace(product.multiplier, value=np.array([-1.0, 0.5]))
+                ),
+                exx,
+            ),
             (exx,),
         ),
         "slope": ((table_of((0, 1, 1, 1.5), axis="old"),), (exx,), (exx,)),
         "slope of a micron": ((table_of((0, 1, 1, 1.0), axis="old"),), (exx,), (exx,)),
-        "slope in two directions": ((table_of((0, 1, 1, 3), direction=1), table_of((0, 1, 1, 2), direction=-1)), (exx,), (exx,)),
+        "slope in two directions": (
+            (table_of((0, 1, 1, 3), direction=1), table_of((0, 1, 1, 2), direction=-1)),
+            (exx,),
+            (exx,),
+        ),
     }
     results = {
         "plain": PLAIN,
@@ -477,10 +694,18 @@ def _lost_in_field() -> Any:
     }
     fields = {
         "nothing": np.zeros_like,
-        "slopes": lambda points: np.stack([0.01 * points[:, 0], 0.01 * points[:, 0], 0.01 * points[:, 2]], axis=-1),
-        "leans": lambda points: np.stack([0.01 * points[:, 1], 0 * points[:, 0], 0.006 * points[:, 2]], axis=-1),
-        "hardly": lambda points: np.stack([0.003 * points[:, 1], 0.003 * points[:, 0], 0.005 * points[:, 2]], axis=-1),
-        "turned": lambda points: np.stack([0.01 * points[:, 1], -0.01 * points[:, 0], 0 * points[:, 2]], axis=-1),
+        "slopes": lambda points: np.stack(
+            [0.01 * points[:, 0], 0.01 * points[:, 0], 0.01 * points[:, 2]], axis=-1
+        ),
+        "leans": lambda points: np.stack(
+            [0.01 * points[:, 1], 0 * points[:, 0], 0.006 * points[:, 2]], axis=-1
+        ),
+        "hardly": lambda points: np.stack(
+            [0.003 * points[:, 1], 0.003 * points[:, 0], 0.005 * points[:, 2]], axis=-1
+        ),
+        "turned": lambda points: np.stack(
+            [0.01 * points[:, 1], -0.01 * points[:, 0], 0 * points[:, 2]], axis=-1
+        ),
     }
     return {
         f"{name}, {field}": [said(item) for item in lost_in_field(result, moved)]
@@ -493,26 +718,49 @@ def _remarks() -> Any:
     found: dict[str, Any] = {}
     for ends in (False, True):
         for letter in "XYZ":
-            found[f"backlash {letter} {ends}"] = [said(item) for item in backlash_offered(TURNING, letter, ends_backlash=ends)]
+            found[f"backlash {letter} {ends}"] = [
+                said(item) for item in backlash_offered(TURNING, letter, ends_backlash=ends)
+            ]
     for value, u in ((3.0, 1.0), (3.25, 1.0), (-3.0, 1.0), (-3.25, 1.0), (0.5, 0.0)):
         known = members(backlash={"X": {"value": value, "u": u}})
         found[f"backlash of {value} with {u}"] = [
-            said(item) for item in backlash_offered(replace(PLAIN, **known), "X", ends_backlash=False)
+            said(item)
+            for item in backlash_offered(replace(PLAIN, **known), "X", ends_backlash=False)
         ]
     found["no numbers"] = [said(item) for item in backlash_offered(PLAIN, "X", ends_backlash=False)]
     grid, at = np.array([0.0, 10.0, 20.0]), np.array([-5.0, 0.0, 5.0, 10.0, 15.0, 20.0, 25.0])
     found["missed"] = [
-        missed_um(grid, at, np.array(um, dtype=float)) for um in ((9, 0, 4, 0, -6, 0, 9), (1, 2, 3, 4, 5, 6, 7), (0, 0, 0, 0, 1, 0, 0))
+        missed_um(grid, at, np.array(um, dtype=float))
+        for um in ((9, 0, 4, 0, -6, 0, 9), (1, 2, 3, 4, 5, 6, 7), (0, 0, 0, 0, 1, 0, 0))
     ]
     for um in (0.25, 0.5, 0.75):
-        found[f"coarse {um}"] = [said(item) for item in coarse("these tables", {"EXX": um, "EYY": 0.1})]
+        found[f"coarse {um}"] = [
+            said(item) for item in coarse("these tables", {"EXX": um, "EYY": 0.1})
+        ]
     for um in (0.25, 0.5, 0.75, -0.75):
-        found[f"ends {um}"] = checked([table_of((0, 1, 2, um)), table_of((um, 1, 2, 0), "EYX", kind="cec")], whole=True)
-    driven = {name: SetupReport(passes=passes) for name, passes in {"a": (1,), "b": (2,), "d": (1, 2), "e": ()}.items()}
-    warned = (Finding(code="w", severity="warning", text="text"), Finding(code="i", severity="info", text="text"))
-    found["runs and data"] = checked([table_of((0, 1, 2, 0))], result=replace(PLAIN, setups=driven, findings=warned), whole=True)
-    found["with files"] = checked([table_of((0, 1, 2, 0))], profile=profile_of("siemens", files=own_of("siemens")), whole=True)
-    both = limited(replace(profile_of("siemens"), machine=msgspec.structs.replace(profile_of("siemens").machine, direction="both")))
+        found[f"ends {um}"] = checked(
+            [table_of((0, 1, 2, um)), table_of((um, 1, 2, 0), "EYX", kind="cec")], whole=True
+        )
+    driven = {
+        name: SetupReport(passes=passes)
+        for name, passes in {"a": (1,), "b": (2,), "d": (1, 2), "e": ()}.items()
+    }
+    warned = (
+        Finding(code="w", severity="warning", text="text"),
+        Finding(code="i", severity="info", text="text"),
+    )
+    found["runs and data"] = checked(
+        [table_of((0, 1, 2, 0))], result=replace(PLAIN, setups=driven, findings=warned), whole=True
+    )
+    found["with files"] = checked(
+        [table_of((0, 1, 2, 0))], profile=profile_of("siemens", files=own_of("siemens")), whole=True
+    )
+    both = limited(
+        replace(
+            profile_of("siemens"),
+            machine=msgspec.structs.replace(profile_of("siemens").machine, direction="both"),
+        )
+    )
     turned = replace(curve_of("EXX", (0, 1, 2, 0), 0.5), reverse_um=np.array([0.0, 0.0, 1.0, 1.0]))
     for name, own in (("mean", limited(profile_of("siemens"))), ("both", both)):
         for which, curve in (
@@ -522,9 +770,13 @@ def _remarks() -> Any:
         ):
             for ways in (0, 1):
                 tables = [table_of((0, 1, 2, 0), curve.name, direction=ways)]
-                found[f"{name}, {which}, {ways}"] = checked(tables, profile=own, curves=[curve], result=TURNING, whole=True)
+                found[f"{name}, {which}, {ways}"] = checked(
+                    tables, profile=own, curves=[curve], result=TURNING, whole=True
+                )
     found["shape alone"] = checked(
-        [table_of((0, 1, 2, 0))], curves=[replace(turned, slope_known=False), replace(turned, name="EYY", slope_known=False)], whole=True
+        [table_of((0, 1, 2, 0))],
+        curves=[replace(turned, slope_known=False), replace(turned, name="EYY", slope_known=False)],
+        whole=True,
     )
     return found
 
@@ -538,7 +790,12 @@ def _laws() -> Any:
             for between in ("linear", "stepped"):
                 for ends in ("held", "extended"):
                     law = Law(sense=sense, data=data, between=between, ends=ends)
-                    one = replace(table_of((0, 4, -2, 6), law=law, reference=-100.0, direction=1, file="f", table=3), offset_um=1.5)
+                    one = replace(
+                        table_of(
+                            (0, 4, -2, 6), law=law, reference=-100.0, direction=1, file="f", table=3
+                        ),
+                        offset_um=1.5,
+                    )
                     found[f"{sense} {data} {between} {ends}"] = [
                         str(one.label),
                         str(one.identity),
@@ -552,7 +809,9 @@ def _laws() -> Any:
             lever,
             replace(lever, ends="extended"),
             replace(lever, value=np.array([1.0, 1.0])),
-            Multiplier(axis="Z", position_mm=np.array([0.0, 1.0, 4.0]), value=np.array([0.0, 1.0, 2.0])),
+            Multiplier(
+                axis="Z", position_mm=np.array([0.0, 1.0, 4.0]), value=np.array([0.0, 1.0, 2.0])
+            ),
         )
     ]
     return found

@@ -1,4 +1,5 @@
-"""Files of controls, damaged in every way that a line or a number can be: what each reader makes of them, or its whole refusal."""
+"""Files of controls, damaged in every way that a line or a number can be: what each reader makes of
+them, or its whole refusal."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -28,8 +29,11 @@ _MOST_NUMBERS = 7
 Reader = Callable[[Sequence[ControlFile]], Any]
 
 
-def planned(control: str, result: Result, profile: Profile) -> tuple[tuple[ControlFile, ...], Profile]:
-    """Return the files for a control, as it is planned without a look at what it held, and the profile to read them with."""
+def planned(
+    control: str, result: Result, profile: Profile
+) -> tuple[tuple[ControlFile, ...], Profile]:
+    """Return the files for a control, as it is planned without a look at what it held, and the
+    profile to read them with."""
     controller = controller_named(control)
     fit = fitted(result, profile.machine.functions, profile.machine.squareness_into)
     plan = (
@@ -38,11 +42,14 @@ def planned(control: str, result: Result, profile: Profile) -> tuple[tuple[Contr
         else controller.plan(fit.curves, profile)
     )
     settled = replace(profile, options=plan.options or profile.options)
-    return tuple(file for file in controller.render(plan.tables, settled) if file.role != "note"), settled
+    return tuple(
+        file for file in controller.render(plan.tables, settled) if file.role != "note"
+    ), settled
 
 
 def damages(text: str) -> Iterator[tuple[str, str]]:
-    """Yield what is done to a text, and the damaged text: to the first and the last line of every kind, and to the whole."""
+    """Yield what is done to a text, and the damaged text: to the first and the last line of every
+    kind, and to the whole."""
     lines = text.split("\n")
     for number in _of_each_kind(lines):
         line, at = lines[number], str(number + 1)
@@ -55,9 +62,14 @@ def damages(text: str) -> Iterator[tuple[str, str]]:
         yield f"{at} with a word more", with_line(f"{line.rstrip()} 7x{line[len(line.rstrip()) :]}")
         yield f"{at} cut", with_line(line.rstrip()[:-2] + line[len(line.rstrip()) :])
         for n, match in enumerate(list(_NUMBER.finditer(line))[:_MOST_NUMBERS]):
-            for new in (_other(match.group()), "-" + match.group().lstrip("+-"), "0", "q")[: 4 if n < 4 else 1]:
+            for new in (_other(match.group()), "-" + match.group().lstrip("+-"), "0", "q")[
+                : 4 if n < 4 else 1
+            ]:
                 if new != match.group():
-                    yield f"{at}: {match.group()} ({match.start()}) {new}", with_line(line[: match.start()] + new + line[match.end() :])
+                    yield (
+                        f"{at}: {match.group()} ({match.start()}) {new}",
+                        with_line(line[: match.start()] + new + line[match.end() :]),
+                    )
     yield "empty", ""
     yield "first half", "\n".join(lines[: len(lines) // 2]) + "\n"
     yield "without its last two letters", text.rstrip()[:-2]
@@ -94,18 +106,29 @@ def told(tables: Sequence[Table], whole: Sequence[Table]) -> Any:
         if label not in known:
             changed[f"new {label}"] = {key: value for key, value in one.items() if key != "label"}
         elif one != known[label]:
-            changed[label] = {key: _changes(value, known[label].get(key)) for key, value in one.items() if value != known[label].get(key)}
+            changed[label] = {
+                key: _changes(value, known[label].get(key))
+                for key, value in one.items()
+                if value != known[label].get(key)
+            }
     return changed or "the same"
 
 
 def _changes(value: Any, was: Any) -> Any:
     if isinstance(value, list) and isinstance(was, list) and len(value) == len(was):
-        return {str(n): each for n, (each, old) in enumerate(zip(value, was, strict=True)) if each != old}
+        return {
+            str(n): each
+            for n, (each, old) in enumerate(zip(value, was, strict=True))
+            if each != old
+        }
     return value
 
 
-def _case(control: str, result: Result, *, only: str = "", broken: str = "", **how: Any) -> Callable[[], Any]:
-    """Return a case: every data file of a control (or the ``broken`` one) damaged in turn, read with the others beside it."""
+def _case(
+    control: str, result: Result, *, only: str = "", broken: str = "", **how: Any
+) -> Callable[[], Any]:
+    """Return a case: every data file of a control (or the ``broken`` one) damaged in turn, read
+    with the others beside it."""
 
     def act() -> Any:
         made, settled = planned(control, result, profile_of(control, **how))
@@ -118,8 +141,14 @@ def _case(control: str, result: Result, *, only: str = "", broken: str = "", **h
             if not file.name.startswith(broken):
                 continue
             for what, text in damages(file.data.decode("latin-1")):
-                damaged = [*read[:index], replace(file, data=text.encode("latin-1")), *read[index + 1 :]]
-                found[f"{file.name} {what}"] = plain.attempted(lambda damaged=damaged: told(controller.parse(damaged, settled), whole))
+                damaged = [
+                    *read[:index],
+                    replace(file, data=text.encode("latin-1")),
+                    *read[index + 1 :],
+                ]
+                found[f"{file.name} {what}"] = plain.attempted(
+                    lambda damaged=damaged: told(controller.parse(damaged, settled), whole)
+                )
         return {"whole": [plain.table(one) for one in whole], "damaged": plain.grouped(found)}
 
     return act
@@ -131,8 +160,16 @@ def cases() -> dict[str, Callable[[], Any]]:
     lean = 'functions = ["EXX", "EYX", "EZX"]'
     return {
         "siemens": _case("siemens", PLAIN, machine=small),
-        "siemens-both": _case("siemens", TURNING, machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0", only="NC_CEC"),
-        "siemens-products": _case("siemens", LEANING, more="products = true\ncec_tables_held = 4", machine=lean, only="NC_CEC"),
+        "siemens-both": _case(
+            "siemens", TURNING, machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0", only="NC_CEC"
+        ),
+        "siemens-products": _case(
+            "siemens",
+            LEANING,
+            more="products = true\ncec_tables_held = 4",
+            machine=lean,
+            only="NC_CEC",
+        ),
         "siemens-program": _case("siemens", PLAIN, machine=small, only="LOAD"),
         "fanuc": _case(
             "fanuc",
@@ -150,16 +187,37 @@ def cases() -> dict[str, Callable[[], Any]]:
             section=fanuc_section("experimental_bidirectional = true"),
         ),
         "heidenhain": _case("heidenhain", PLAIN, machine=small),
-        "heidenhain-chain": _case("heidenhain", LEANING, broken="AXIS-X", section='[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'),
-        "linuxcnc": _case("linuxcnc", TURNING, machine=f'functions = ["EXX", "EXY"]\n{BOTH}', axis={"X": "backlash_um = 3.0"}),
+        "heidenhain-chain": _case(
+            "heidenhain",
+            LEANING,
+            broken="AXIS-X",
+            section='[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"',
+        ),
+        "linuxcnc": _case(
+            "linuxcnc",
+            TURNING,
+            machine=f'functions = ["EXX", "EXY"]\n{BOTH}',
+            axis={"X": "backlash_um = 3.0"},
+        ),
         "linuxcnc-inch": _case("linuxcnc", PLAIN, machine='functions = ["EXX"]\nunits = "inch"'),
         "beckhoff": _case("beckhoff", LEANING, more='chain = "FXYZ"'),
         "beckhoff-lists": _case(
-            "beckhoff", TURNING, section=LISTS + 'cross_sense = "as-error"', machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0"
+            "beckhoff",
+            TURNING,
+            section=LISTS + 'cross_sense = "as-error"',
+            machine=f"{small}\n{BOTH}",
+            axes="backlash_um = 0.0",
         ),
         "mitsubishi": _case("mitsubishi", PLAIN, machine=small),
-        "mitsubishi-absolute": _case("mitsubishi", PLAIN, section='[mitsubishi]\noutput_unit_um = 0.5\ndata = "absolute"', machine=small),
-        "fagor": _case("fagor", TURNING, machine=f'functions = ["EXX"]\n{BOTH}', axes="backlash_um = 0.0"),
+        "mitsubishi-absolute": _case(
+            "mitsubishi",
+            PLAIN,
+            section='[mitsubishi]\noutput_unit_um = 0.5\ndata = "absolute"',
+            machine=small,
+        ),
+        "fagor": _case(
+            "fagor", TURNING, machine=f'functions = ["EXX"]\n{BOTH}', axes="backlash_um = 0.0"
+        ),
         "neutral": _case("neutral", TURNING, machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0"),
         "lattice": _lattice,
         "sign-run": _sign_run,
@@ -171,15 +229,25 @@ def _lattice() -> Any:
     """A lattice of eight vertices."""
     volume = replace(PLAIN.volume, increments=1)
     held = lattice.lattice_of(result_of(shapes={"EXX": (0.0, 3.7)}, volume=volume), 60.0)
-    thin = replace(held, axes_mm=tuple(axis[[0, -1]] for axis in held.axes_mm), vectors_um=held.vectors_um[::5, ::4, ::3])
+    thin = replace(
+        held,
+        axes_mm=tuple(axis[[0, -1]] for axis in held.axes_mm),
+        vectors_um=held.vectors_um[::5, ::4, ::3],
+    )
     file = lattice.render(thin)
 
     def read(data: bytes) -> Any:
         found = lattice.parse(replace(file, data=data))
-        return {"axes": [axis.tolist() for axis in found.axes_mm], "um": found.vectors_um.reshape(-1).tolist()}
+        return {
+            "axes": [axis.tolist() for axis in found.axes_mm],
+            "um": found.vectors_um.reshape(-1).tolist(),
+        }
 
     text = file.data.decode("ascii")
-    broken = {what: plain.attempted(lambda damaged=damaged: read(damaged.encode("latin-1"))) for what, damaged in damages(text)}
+    broken = {
+        what: plain.attempted(lambda damaged=damaged: read(damaged.encode("latin-1")))
+        for what, damaged in damages(text)
+    }
     return {"whole": read(file.data), "damaged": plain.grouped(broken)}
 
 
@@ -191,7 +259,10 @@ def _sign_run() -> Any:
         run = read_sign_run(ControlFile(name="run.csv", data=data))
         return [column.tolist() for column in run[:3]]
 
-    broken = {what: plain.attempted(lambda damaged=damaged: read(damaged.encode("latin-1"))) for what, damaged in damages(text)}
+    broken = {
+        what: plain.attempted(lambda damaged=damaged: read(damaged.encode("latin-1")))
+        for what, damaged in damages(text)
+    }
     return {"whole": read(text.encode("ascii")), "damaged": plain.grouped(broken)}
 
 
@@ -199,16 +270,34 @@ def _recognised() -> Any:
     """Which controls recognise which file, and which compensate levers."""
     files: list[ControlFile] = []
     for control in sorted(CONTROLLERS):
-        more, how = {"siemens": ("products = true", {}), "beckhoff": ('chain = "FXYZ"', {}), "fanuc": ("", {"files": WIDE})}.get(
-            control, ("", {})
-        )
+        more, how = {
+            "siemens": ("products = true", {}),
+            "beckhoff": ('chain = "FXYZ"', {}),
+            "fanuc": ("", {"files": WIDE}),
+        }.get(control, ("", {}))
         files += planned(control, LEANING, profile_of(control, more, **how))[0]
     files += planned(
-        "beckhoff", PLAIN, profile_of("beckhoff", section=LISTS + 'cross_sense = "as-error"', machine='functions = ["EXX", "EXY"]')
+        "beckhoff",
+        PLAIN,
+        profile_of(
+            "beckhoff",
+            section=LISTS + 'cross_sense = "as-error"',
+            machine='functions = ["EXX", "EXY"]',
+        ),
     )[0]
-    files += planned("heidenhain", LEANING, profile_of("heidenhain", section='[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'))[0]
-    files += [lattice.render(lattice.lattice_of(PLAIN, 60.0)), ControlFile(name="note.txt", data=b"a note\n")]
-    files += [ControlFile(name="AX_EEC_RESTORE_UNTESTED_SIGN.INI", data=b""), ControlFile(name="screw_x.comp", data=b"1 2 x\n")]
+    files += planned(
+        "heidenhain",
+        LEANING,
+        profile_of("heidenhain", section='[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'),
+    )[0]
+    files += [
+        lattice.render(lattice.lattice_of(PLAIN, 60.0)),
+        ControlFile(name="note.txt", data=b"a note\n"),
+    ]
+    files += [
+        ControlFile(name="AX_EEC_RESTORE_UNTESTED_SIGN.INI", data=b""),
+        ControlFile(name="screw_x.comp", data=b"1 2 x\n"),
+    ]
     found: dict[str, Any] = {}
     for file in files:
         left = left_out({file.name: file.data})

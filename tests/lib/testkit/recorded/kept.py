@@ -1,4 +1,5 @@
-"""Files and sets of files: what is written where, with which rights, what is read, and every refusal in its words."""
+"""Files and sets of files: what is written where, with which rights, what is read, and every
+refusal in its words."""
 
 import hashlib
 import io
@@ -34,11 +35,20 @@ FILES = (
 
 def cases() -> dict[str, Callable[[], Any]]:
     """Return what is done with files by its name."""
-    return {"single": _single, "written": _written, "read": _read, "packed": _packed, "limits": _limits}
+    return {
+        "single": _single,
+        "written": _written,
+        "read": _read,
+        "packed": _packed,
+        "limits": _limits,
+    }
 
 
 def _rights(folder: Path) -> dict[str, str]:
-    return {str(path.relative_to(folder)): f"{path.stat().st_mode & 0o777:o}" for path in sorted(folder.rglob("*"))}
+    return {
+        str(path.relative_to(folder)): f"{path.stat().st_mode & 0o777:o}"
+        for path in sorted(folder.rglob("*"))
+    }
 
 
 def _single() -> Any:
@@ -55,7 +65,9 @@ def _single() -> Any:
 
         path = folder / "a.txt"
         tried("atomically", lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"one"))
-        tried("atomically again", lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"two"))
+        tried(
+            "atomically again", lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"two")
+        )
         tried("atomically over a folder", lambda: write_atomically(folder / "deep", b"one"))
         tried("once", lambda: write_once(path, "\u00e4\n"))
         tried("once more", lambda: write_once(path, "\u00e4\n"))
@@ -64,14 +76,35 @@ def _single() -> Any:
         tried("new", lambda: write_new(folder / "new.txt", "n\n"))
         tried("new again", lambda: write_new(folder / "new.txt", "m\n"))
         tried("new nowhere", lambda: write_new(folder / "none" / "new.txt", "m\n"))
-        tried("holds", lambda: [holds(path, b"\xc3\xa4\n"), holds(path, b"\xc3\xa5\n"), holds(path, b""), holds(folder, b"")])
+        tried(
+            "holds",
+            lambda: [
+                holds(path, b"\xc3\xa4\n"),
+                holds(path, b"\xc3\xa5\n"),
+                holds(path, b""),
+                holds(folder, b""),
+            ],
+        )
         for largest in (2, 3, 4):
-            tried(f"read {largest}", lambda largest=largest: read_bytes(path, largest=largest).hex())
-            tried(f"read {largest} named", lambda largest=largest: read_bytes(path, "a.field", largest=largest, blame=UsageError).hex())
+            tried(
+                f"read {largest}", lambda largest=largest: read_bytes(path, largest=largest).hex()
+            )
+            tried(
+                f"read {largest} named",
+                lambda largest=largest: read_bytes(
+                    path, "a.field", largest=largest, blame=UsageError
+                ).hex(),
+            )
         tried("read a folder", lambda: read_bytes(folder))
-        tried("read a folder named", lambda: read_bytes(folder / "deep", "a.field", expected="a thing", remedy="do it"))
+        tried(
+            "read a folder named",
+            lambda: read_bytes(folder / "deep", "a.field", expected="a thing", remedy="do it"),
+        )
         tried("read nothing", lambda: read_bytes(folder / "none"))
-        tried("read nothing named", lambda: read_bytes(folder / "none", "a.field", expected="a thing", remedy="do it"))
+        tried(
+            "read nothing named",
+            lambda: read_bytes(folder / "none", "a.field", expected="a thing", remedy="do it"),
+        )
         tried("read a NUL", lambda: read_bytes(Path("a\0b")))
         tried("text", lambda: read_text(path))
         (folder / "mark.txt").write_bytes(b"\xef\xbb\xbfa\xef\xbb\xbf")
@@ -91,7 +124,10 @@ def _without(made: Any, folder: Path) -> Any:
 
 def _written() -> Any:
     def act(folder: Path) -> Any:
-        found: dict[str, Any] = {"names": list(write_set(folder / "deep" / "out", FILES)), "rights": _rights(folder)}
+        found: dict[str, Any] = {
+            "names": list(write_set(folder / "deep" / "out", FILES)),
+            "rights": _rights(folder),
+        }
         found["list"] = (folder / "deep" / "out" / SUMS).read_text(encoding="utf-8").split("\n")
         found["again"] = list(write_set(folder / "deep" / "out", FILES))
         (folder / "empty").mkdir()
@@ -107,7 +143,9 @@ def _written() -> Any:
             ("the list's name", folder / "two", [*FILES, ControlFile(name="sha256sums", data=b"")]),
             ("nothing", folder / "nothing", []),
         ):
-            found[name] = _without(attempted(lambda target=target, files=files: list(write_set(target, files))), folder)
+            found[name] = _without(
+                attempted(lambda target=target, files=files: list(write_set(target, files))), folder
+            )
         return found | {"left": sorted(path.name for path in folder.rglob("*"))}
 
     return in_folder(act)
@@ -124,10 +162,22 @@ def _read() -> Any:
             write_set(out, FILES)
             harm(out)
             found[name] = [
-                _without(attempted(lambda: [f"{file.name} {file.data!r} {file.role}" for file in read_set(out)]), out),
+                _without(
+                    attempted(
+                        lambda: [f"{file.name} {file.data!r} {file.role}" for file in read_set(out)]
+                    ),
+                    out,
+                ),
                 whole(out),
-                _without(attempted(lambda: [file.name for file in read_given([out / "B.INI"])]), out),
-                _without(attempted(lambda: [file.name for file in read_given([out / SUMS, out / "EXPORT.txt"])]), out),
+                _without(
+                    attempted(lambda: [file.name for file in read_given([out / "B.INI"])]), out
+                ),
+                _without(
+                    attempted(
+                        lambda: [file.name for file in read_given([out / SUMS, out / "EXPORT.txt"])]
+                    ),
+                    out,
+                ),
             ]
 
         def listed(change: Callable[[bytes], bytes]) -> Callable[[Path], Any]:
@@ -139,8 +189,14 @@ def _read() -> Any:
         harmed("two lost", lambda out: [(out / name).unlink() for name in ("A.INI", "EXPORT.txt")])
         harmed("one altered", lambda out: (out / "A.INI").write_bytes(b"b\n"))
         harmed("B altered", lambda out: (out / "B.INI").write_bytes(b"a\n"))
-        harmed("two altered", lambda out: [(out / name).write_bytes(b"b") for name in ("A.INI", "EXPORT.txt")])
-        harmed("two foreign", lambda out: [(out / name).write_bytes(b"b") for name in ("C.INI", "D.INI")])
+        harmed(
+            "two altered",
+            lambda out: [(out / name).write_bytes(b"b") for name in ("A.INI", "EXPORT.txt")],
+        )
+        harmed(
+            "two foreign",
+            lambda out: [(out / name).write_bytes(b"b") for name in ("C.INI", "D.INI")],
+        )
         harmed("no list", lambda out: (out / SUMS).unlink())
         harmed("empty list", listed(lambda data: b""))
         harmed("a short line", listed(lambda data: data + b"abc\n"))
@@ -152,9 +208,13 @@ def _read() -> Any:
         harmed("a name of 201", listed(lambda data: data.replace(b"B.INI", b"B" * 201)))
         harmed("a line less", listed(lambda data: data.partition(b"\n")[2]))
         harmed("no UTF-8", listed(lambda data: data + b"\xff"))
-        found["a folder and a file"] = [file.name for file in read_given([folder / "0", folder / "0" / "B.INI"])]
+        found["a folder and a file"] = [
+            file.name for file in read_given([folder / "0", folder / "0" / "B.INI"])
+        ]
         (folder / "alone.ini").write_bytes(b"x")
-        found["alone"] = [f"{file.name} {file.data!r} {file.role}" for file in read_given([folder / "alone.ini"])]
+        found["alone"] = [
+            f"{file.name} {file.data!r} {file.role}" for file in read_given([folder / "alone.ini"])
+        ]
         found["no folder"] = whole(folder / "none")
         return found
 
@@ -168,7 +228,12 @@ def _packed() -> Any:
         for restore in (False, True):
             with zipfile.ZipFile(io.BytesIO(zip_of(folder / "out", restore=restore))) as archive:
                 found[f"restore {restore}"] = [
-                    [one.filename, list(one.date_time), one.compress_type, hashlib.sha256(archive.read(one)).hexdigest()]
+                    [
+                        one.filename,
+                        list(one.date_time),
+                        one.compress_type,
+                        hashlib.sha256(archive.read(one)).hexdigest(),
+                    ]
                     for one in archive.infolist()
                 ]
         return found

@@ -1,4 +1,5 @@
-"""What controls accept and ask for: limits, options with their defaults, steps of loading, which products are worth their tables."""
+"""What controls accept and ask for: limits, options with their defaults, steps of loading, which
+products are worth their tables."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -19,7 +20,12 @@ from stepdiag.exporters.siemens.products import chosen
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product, fitted
-from stepdiag.exporters.tables.profile import AxisSection, LimitsSection, MachineSection, SignTestRecord
+from stepdiag.exporters.tables.profile import (
+    AxisSection,
+    LimitsSection,
+    MachineSection,
+    SignTestRecord,
+)
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 from testkit.recorded import plain
 from testkit.recorded.checked import checked, curve_of, limited, table_of
@@ -36,10 +42,18 @@ HOW: Mapping[str, tuple[str, dict[str, Any]]] = {
     "fanuc": ("fanuc", {"files": WIDE}),
     "fanuc, all": (
         "fanuc",
-        {"files": WIDE, "section": fanuc_section("points_per_axis = 64\nstraightness_option = true", "inclination = true")},
+        {
+            "files": WIDE,
+            "section": fanuc_section(
+                "points_per_axis = 64\nstraightness_option = true", "inclination = true"
+            ),
+        },
     ),
     "heidenhain": ("heidenhain", {}),
-    "heidenhain, itnc": ("heidenhain", {"section": '[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'}),
+    "heidenhain, itnc": (
+        "heidenhain",
+        {"section": '[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'},
+    ),
     "linuxcnc": ("linuxcnc", {}),
     "linuxcnc, backlash": ("linuxcnc", {"axes": "backlash_um = 3.5", "machine": BOTH}),
     "linuxcnc, kinematics": ("linuxcnc", {"more": 'way = "kinematics"'}),
@@ -53,7 +67,10 @@ HOW: Mapping[str, tuple[str, dict[str, Any]]] = {
         },
     ),
     "mitsubishi": ("mitsubishi", {}),
-    "mitsubishi, absolute": ("mitsubishi", {"section": '[mitsubishi]\noutput_unit_um = 0.05\ndata = "absolute"\nfirst_data = 4501'}),
+    "mitsubishi, absolute": (
+        "mitsubishi",
+        {"section": '[mitsubishi]\noutput_unit_um = 0.05\ndata = "absolute"\nfirst_data = 4501'},
+    ),
     "fagor": ("fagor", {}),
     "neutral": ("neutral", {}),
 }
@@ -87,7 +104,10 @@ def _options() -> Any:
         model = models.pop(0)
         if model.__name__ in found:
             continue
-        found[model.__name__] = {field.name: f"{field.type} = {_default(field)}" for field in msgspec.structs.fields(model)}
+        found[model.__name__] = {
+            field.name: f"{field.type} = {_default(field)}"
+            for field in msgspec.structs.fields(model)
+        }
         found[model.__name__]["(unknown)"] = model.__struct_config__.forbid_unknown_fields
         for field in msgspec.structs.fields(model):
             models += [each for each in _inner(field.type) if each.__name__ not in found]
@@ -116,12 +136,15 @@ def _default(field: Any) -> str:
 
 
 def _limits() -> Any:
-    """What every control accepts in each kind of table that it is given, and how its files are loaded."""
+    """What every control accepts in each kind of table that it is given, and how its files are
+    loaded."""
     found: dict[str, Any] = {}
     for name, (control, how) in HOW.items():
         controller, profile = controller_named(control), profile_of(control, **how)
         leaning = "chain" in str(how) or "products" in str(how)
-        found[name] = plain.attempted(partial(_of_plan, controller, profile, LEANING if leaning else PLAIN))
+        found[name] = plain.attempted(
+            partial(_of_plan, controller, profile, LEANING if leaning else PLAIN)
+        )
     return found
 
 
@@ -133,12 +156,20 @@ def _of_plan(controller: Any, profile: Any, result: Result) -> Any:
         else controller.plan(fit.curves, profile)
     )
     settled = replace(profile, options=plan.options or profile.options)
-    by_kind = {f"{table.kind} {table.input_axis}": str(controller.limits(table, settled)) for table in (*plan.tables, *plan.listed)}
-    return {"limits": by_kind, "steps": len(controller.instructions(settled)), "findings": [said(item) for item in plan.findings]}
+    by_kind = {
+        f"{table.kind} {table.input_axis}": str(controller.limits(table, settled))
+        for table in (*plan.tables, *plan.listed)
+    }
+    return {
+        "limits": by_kind,
+        "steps": len(controller.instructions(settled)),
+        "findings": [said(item) for item in plan.findings],
+    }
 
 
 def _nets() -> Any:
-    """What acts at the points of a table beside angles whose levers count from the zero of the axes; limits without a survey."""
+    """What acts at the points of a table beside angles whose levers count from the zero of the
+    axes; limits without a survey."""
     ends = np.array([-200.0, 100.0])
     angle = replace(
         table_of((0.0, 30.0, -20.0, 60.0), "EYX", kind="volcomp-angle"),
@@ -146,18 +177,31 @@ def _nets() -> Any:
     )
     base = limited(profile_of("siemens"), value_um=64.0, warn_value_um=32.0, slope_um_mm=0.4)
     column = table_of((0.0, 20.0, -12.0, 37.0), "EYX", kind="volcomp")
-    along = table_of((0.0, 30.0, 60.0), "EYZ", kind="volcomp", at=(-150.0, -60.0, 30.0), reference=-150.0)
+    along = table_of(
+        (0.0, 30.0, 60.0), "EYZ", kind="volcomp", at=(-150.0, -60.0, 30.0), reference=-150.0
+    )
     found = {
         "beside an angle": checked([column, angle], profile=base, own=Limits()),
         "along its lever": checked([along, angle], profile=base, own=Limits()),
-        "of another axis": checked([replace(column, output_axis="Z"), angle], profile=base, own=Limits()),
+        "of another axis": checked(
+            [replace(column, output_axis="Z"), angle], profile=base, own=Limits()
+        ),
         "beside a held lever": checked(
-            [column, replace(angle, multiplier=replace(angle.multiplier, ends="held"))], profile=base, own=Limits()
+            [column, replace(angle, multiplier=replace(angle.multiplier, ends="held"))],
+            profile=base,
+            own=Limits(),
         ),
         "far away": checked(
-            [replace(column, value_um=-angle.value_um * 50.0), replace(angle, value_um=angle.value_um * 80.0)], profile=base, own=Limits()
+            [
+                replace(column, value_um=-angle.value_um * 50.0),
+                replace(angle, value_um=angle.value_um * 80.0),
+            ],
+            profile=base,
+            own=Limits(),
         ),
-        "two columns": checked([column, replace(column, place={"n": 2}), angle], profile=base, own=Limits()),
+        "two columns": checked(
+            [column, replace(column, place={"n": 2}), angle], profile=base, own=Limits()
+        ),
         "an empty one first": checked(
             [table_of((0, 0, 0, 0), "EYX", kind="cec"), table_of((0, 1, 60, 3))],
             before=[table_of((0, 1, 2, 3)), table_of((0, 5, 2, 3), "EYX", kind="cec")],
@@ -171,10 +215,17 @@ def _nets() -> Any:
         "large": [table_of((0, 1, 70, 0), "EYX", kind="cec")],
         "steep": [table_of((0, 1, 45, 0))],
     }.items():
-        found[f"limits alone, {name}"] = [said(item) for item in limit_findings(control, base, PLAIN, tables)]
+        found[f"limits alone, {name}"] = [
+            said(item) for item in limit_findings(control, base, PLAIN, tables)
+        ]
         found[f"limits alone, {name}, inch"] = [
             said(item)
-            for item in limit_findings(control, replace(base, machine=msgspec.structs.replace(base.machine, units="inch")), PLAIN, tables)
+            for item in limit_findings(
+                control,
+                replace(base, machine=msgspec.structs.replace(base.machine, units="inch")),
+                PLAIN,
+                tables,
+            )
         ]
     return found
 
@@ -182,7 +233,11 @@ def _nets() -> Any:
 def _worth() -> Any:
     """Which curves and products get the tables that there are."""
     at = (-200.0, -100.0, 0.0, 100.0)
-    curves = [curve_of("EYX", (0, 3, 1, 0), 0.3, at), curve_of("EXX", (0, 9, 1, 0), 0.3, at), curve_of("EZX", (0, 9, -8, 4), 0.3, at)]
+    curves = [
+        curve_of("EYX", (0, 3, 1, 0), 0.3, at),
+        curve_of("EXX", (0, 9, 1, 0), 0.3, at),
+        curve_of("EZX", (0, 9, -8, 4), 0.3, at),
+    ]
     curves += [curve_of("EXY", (0, 6, -5, 4), 0.3, at), curve_of("EZY", (0, 0.5, 0.25, 0), 0.3, at)]
     takes = {"EYX": 1, "EXX": 0, "EZX": 2, "EXY": 1, "EZY": 1}
 
@@ -199,29 +254,59 @@ def _worth() -> Any:
             rms_um=rms,
         )
 
-    some = [product("EYX*Z", 5.0), product("EXX*Z", 4.0), product("EYX*Y", 2.0), product("EXY*Z", 1.5), product("EZZ*X", 0.0)]
+    some = [
+        product("EYX*Z", 5.0),
+        product("EXX*Z", 4.0),
+        product("EYX*Y", 2.0),
+        product("EXY*Z", 1.5),
+        product("EZZ*X", 0.0),
+    ]
     found: dict[str, Any] = {}
     for room in (None, -1, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 12):
-        for what, products in (("none", []), ("some", some), ("equal", [replace(each, rms_um=2.0) for each in some])):
+        for what, products in (
+            ("none", []),
+            ("some", some),
+            ("equal", [replace(each, rms_um=2.0) for each in some]),
+        ):
             made = chosen(curves, takes, products, room)
-            found[f"{room} for {what}"] = [list(made.curves), [each.name for each in made.products], list(made.left_out)]
+            found[f"{room} for {what}"] = [
+                list(made.curves),
+                [each.name for each in made.products],
+                list(made.left_out),
+            ]
     many = [
-        product(f"E{a}{b}*{c}", 3.0 + n / 8) for n, (a, b, c) in enumerate((a, b, c) for a in "XYZ" for b in "XY" for c in "XYZ" if b != c)
+        product(f"E{a}{b}*{c}", 3.0 + n / 8)
+        for n, (a, b, c) in enumerate(
+            (a, b, c) for a in "XYZ" for b in "XY" for c in "XYZ" if b != c
+        )
     ]
     for room in (None, 5, 11):
         made = chosen(curves[:1], takes, many, room)
-        found[f"{room} for many"] = [list(made.curves), [each.name for each in made.products], list(made.left_out)]
+        found[f"{room} for many"] = [
+            list(made.curves),
+            [each.name for each in made.products],
+            list(made.left_out),
+        ]
     return found
 
 
 def _unchanged() -> Any:
     one, other = table_of((0, 4, 2, 0)), table_of((1, 1, 2, 2), at=(-250, -150, 50, 100))
-    pairs: dict[str, tuple[list[Table], list[Table]]] = {"itself": ([one], [one]), "halves": ([one, other], [other, one])}
+    pairs: dict[str, tuple[list[Table], list[Table]]] = {
+        "itself": ([one], [one]),
+        "halves": ([one, other], [other, one]),
+    }
     for um in (1.75, 2.0, 2.25, -2.0, -2.25):
-        pairs[f"moved by {um}"] = ([replace(one, value_um=one.value_um + np.array([0.0, 0.0, um, 0.0]))], [one])
+        pairs[f"moved by {um}"] = (
+            [replace(one, value_um=one.value_um + np.array([0.0, 0.0, um, 0.0]))],
+            [one],
+        )
         pairs[f"an origin of {um}"] = ([replace(one, value_um=one.value_um + um)], [one])
         pairs[f"one way by {um}"] = (
-            [replace(one, direction=1), replace(one, direction=-1, value_um=one.value_um + np.array([0.0, um, 0.0, 0.0]))],
+            [
+                replace(one, direction=1),
+                replace(one, direction=-1, value_um=one.value_um + np.array([0.0, um, 0.0, 0.0])),
+            ],
             [one],
         )
         pairs[f"of a coarser one by {um}"] = (
@@ -237,7 +322,9 @@ def _free_names() -> Any:
     """The restore files of a machine that has files of the usual names."""
     control = controller_named("siemens")
     found: dict[str, Any] = {}
-    made, settled = planned("siemens", PLAIN, profile_of("siemens", machine='functions = ["EXX", "EYX"]'))
+    made, settled = planned(
+        "siemens", PLAIN, profile_of("siemens", machine='functions = ["EXX", "EYX"]')
+    )
     own = {file.name: file.data for file in made}
     texts: dict[str, dict[str, bytes]] = {
         "nothing": {},
@@ -254,12 +341,20 @@ def _free_names() -> Any:
     }
     for what, files in texts.items():
         profile = profile_of("siemens", files=files, machine='functions = ["EXX", "EYX"]')
-        tables = control.parse([ControlFile(name=file.name, data=file.data) for file in made], settled)
-        elsewhere = [replace(table, place={**table.place, "table": 5}) if table.kind == "cec" else table for table in tables]
+        tables = control.parse(
+            [ControlFile(name=file.name, data=file.data) for file in made], settled
+        )
+        elsewhere = [
+            replace(table, place={**table.place, "table": 5}) if table.kind == "cec" else table
+            for table in tables
+        ]
         for where, some in (("there", tables), ("elsewhere", elsewhere)):
 
             def act(some: Any = some, profile: Any = profile) -> Any:
-                return {file.name: [len(file.data), plain.lines(file.data)[-4:]] for file in control.restore(some, profile)}
+                return {
+                    file.name: [len(file.data), plain.lines(file.data)[-4:]]
+                    for file in control.restore(some, profile)
+                }
 
             found[f"{what}, {where}"] = plain.attempted(act)
     return found
@@ -270,7 +365,9 @@ def _before() -> Any:
     old = [table_of((0, 1, 2, 3), direction=1), table_of((0, 2, 2, 5), direction=-1)]
     profile = limited(profile_of("siemens"), change_um=2.0)
     return {
-        f"{um:g} µm, {way}": checked([table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING)
+        f"{um:g} µm, {way}": checked(
+            [table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING
+        )
         for um in (2, 3, 4, 5)
         for way in (0, 1, -1)
     }

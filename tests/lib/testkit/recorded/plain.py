@@ -14,7 +14,10 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.tables import Table
 from testkit.references import plain
 
-_CODE_OR_FIGURE = re.compile(r"^ +(?:error|warning|info) +([a-z.-]+):|(?<![\w.])([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?![\w.]*[A-Za-z])")
+_CODE_OR_FIGURE = re.compile(
+    r"^ +(?:error|warning|info) "
+    r"+([a-z.-]+):|(?<![\w.])([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?![\w.]*[A-Za-z])"
+)
 """The code of a remark, or a number that belongs to no name."""
 
 
@@ -29,14 +32,24 @@ def files(some: Iterable[ControlFile]) -> dict[str, list[str]]:
 
 
 def written(folder: Path) -> dict[str, list[str]]:
-    """Return the files of a folder as lines by name, without their hashes; of the report its codes and figures."""
+    """Return the files of a folder as lines by name, without their hashes; of the report its codes
+    and figures."""
     paths = (path for path in sorted(folder.iterdir()) if path.name != "SHA256SUMS")
-    return {path.name: figures(lines(path.read_bytes())) if path.name == REPORT else lines(path.read_bytes()) for path in paths}
+    return {
+        path.name: figures(lines(path.read_bytes()))
+        if path.name == REPORT
+        else lines(path.read_bytes())
+        for path in paths
+    }
 
 
 def figures(text: Iterable[str]) -> list[str]:
-    """Return of every line that a person reads its code and its figures; a line without both is left out."""
-    found = (" ".join(each for pair in _CODE_OR_FIGURE.findall(line) for each in pair if each) for line in text)
+    """Return of every line that a person reads its code and its figures; a line without both is
+    left out."""
+    found = (
+        " ".join(each for pair in _CODE_OR_FIGURE.findall(line) for each in pair if each)
+        for line in text
+    )
     return [line for line in found if line]
 
 
@@ -64,11 +77,15 @@ def attempted(act: Callable[[], Any]) -> Any:
         return act()
     except StepdiagError as refusal:
         code = getattr(refusal, "code", "")
-        return {"refused": f"{type(refusal).__name__}{f' [{code}]' if code else ''}: {plain(refusal.message)}"}
+        return {
+            "refused": f"{type(refusal).__name__}{f' [{code}]' if code else ''}: "
+            f"{plain(refusal.message)}"
+        }
 
 
 def in_folder(act: Callable[[Path], Any]) -> Any:
-    """Return what an act gives that is handed an empty folder; the folder's name does not stand in the refusal."""
+    """Return what an act gives that is handed an empty folder; the folder's name does not stand in
+    the refusal."""
     with tempfile.TemporaryDirectory() as name:
         found = attempted(lambda: act(Path(name)))
         if isinstance(found, dict) and "refused" in found:
@@ -77,7 +94,8 @@ def in_folder(act: Callable[[Path], Any]) -> Any:
 
 
 def beside(text: Sequence[str], other: Sequence[str], name: str) -> list[str]:
-    """Return lines, runs of those that stand in the ``other`` text called ``name`` by their numbers there: all of a text, said shortly."""
+    """Return lines, runs of those that stand in the ``other`` text called ``name`` by their numbers
+    there: all of a text, said shortly."""
     matcher = difflib.SequenceMatcher(a=other, b=text, autojunk=False)
     found = [f"<> {name}"]
     for what, low, high, begin, end in matcher.get_opcodes():
@@ -86,7 +104,8 @@ def beside(text: Sequence[str], other: Sequence[str], name: str) -> list[str]:
 
 
 def shortened(cases: Mapping[str, Any]) -> dict[str, Any]:
-    """Return cases with the files of all but the first that has one of a name said beside that one."""
+    """Return cases with the files of all but the first that has one of a name said beside that
+    one."""
     first: dict[str, tuple[str, list[str]]] = {}
     found: dict[str, Any] = {}
     for case, made in cases.items():
@@ -109,12 +128,15 @@ def grouped(outcomes: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, list[str]] = {}
     for what, outcome in outcomes.items():
         refused = isinstance(outcome, dict) and list(outcome) == ["refused"]
-        found.setdefault(outcome["refused"] if refused else json.dumps(rounded(outcome), ensure_ascii=False), []).append(what)
+        found.setdefault(
+            outcome["refused"] if refused else json.dumps(rounded(outcome), ensure_ascii=False), []
+        ).append(what)
     return {outcome: what if len(what) > 1 else what[0] for outcome, what in found.items()}
 
 
 def rounded(value: Any) -> Any:
-    """Return plain data with its numbers to few digits: they stand in a text, where no tolerance is."""
+    """Return plain data with its numbers to few digits: they stand in a text, where no tolerance
+    is."""
     if isinstance(value, float):
         return float(f"{value:.6g}") + 0.0
     if isinstance(value, dict):

@@ -38,9 +38,19 @@ def profile_of(
     volume: Volume | None = VOLUME,
     section: str | None = None,
 ) -> Profile:
-    """Return a profile: ``more`` lines of the control's section, ``axes`` of each axis and ``axis`` of one, and the machine's ``files``."""
+    """Return a profile: ``more`` lines of the control's section, ``axes`` of each axis and ``axis``
+    of one, and the machine's ``files``."""
     text = profile_text(
-        control, more, machine=machine, axes=axes, axis=axis, limits=limits, tests=tests, steps=steps, files=files, section=section
+        control,
+        more,
+        machine=machine,
+        axes=axes,
+        axis=axis,
+        limits=limits,
+        tests=tests,
+        steps=steps,
+        files=files,
+        section=section,
     )
     return parse_profile(text, f"{control}.toml", controller_named(control), volume, files)
 
@@ -59,27 +69,67 @@ def profile_text(
     section: str | None = None,
 ) -> str:
     """Return the TOML of `profile_of`."""
-    lines = ["[machine]", 'name = "test machine"', f'controller = "{control}"', f"existing = {list(files or {})}"]
+    lines = [
+        "[machine]",
+        'name = "test machine"',
+        f'controller = "{control}"',
+        f"existing = {list(files or {})}",
+    ]
     lines += [machine if "measured_with" in machine else f'measured_with = "off"\n{machine}']
     for index, letter in enumerate("XYZ"):
         step, own = {**STEPS, **(steps or {})}[letter], (axis or {}).get(letter, "")
         reference = "" if "reference_mm" in own else f"reference_mm = {(-100.0, 40.0, 30.0)[index]}"
-        backlash = "backlash_um = 0.0" if control == "linuxcnc" and "backlash" not in own + axes else ""
-        lines += [f"[axes.{letter}]", f'name = "{letter}{index + 1}"', f"step_mm = {step}", reference, backlash, axes, own]
-    lines += ["[limits]\nslope_um_mm = 2.0", limits, tests, SECTIONS[control] if section is None else section, more]
+        backlash = (
+            "backlash_um = 0.0" if control == "linuxcnc" and "backlash" not in own + axes else ""
+        )
+        lines += [
+            f"[axes.{letter}]",
+            f'name = "{letter}{index + 1}"',
+            f"step_mm = {step}",
+            reference,
+            backlash,
+            axes,
+            own,
+        ]
+    lines += [
+        "[limits]\nslope_um_mm = 2.0",
+        limits,
+        tests,
+        SECTIONS[control] if section is None else section,
+        more,
+    ]
     if control == "fanuc" and "[fanuc.axes.X]" not in more and section is None:
         lines += [points_of(letter, *numbers) for letter, numbers in POINTS.items()]
     return "\n".join(line for line in lines if line) + "\n"
 
 
 def points_of(letter: str, number: int, reference: int, reverse: int) -> str:
-    return f"[fanuc.axes.{letter}]\nnumber = {number}\nreference_point = {reference}\nreverse_first_point = {reverse}"
+    return (
+        f"[fanuc.axes.{letter}]\nnumber = {number}\nreference_point = "
+        f"{reference}\nreverse_first_point = {reverse}"
+    )
 
 
-def punched(pitch: Mapping[int, int] | None = None, *more: str, points: int = 70, parameters: bool = True, **own: str) -> bytes:
-    """Return a punch file of a 30i, all its pitch data zero but for those of ``pitch``; ``own`` are parameters by name (``N3620``)."""
+def punched(
+    pitch: Mapping[int, int] | None = None,
+    *more: str,
+    points: int = 70,
+    parameters: bool = True,
+    **own: str,
+) -> bytes:
+    """Return a punch file of a 30i, all its pitch data zero but for those of ``pitch``; ``own`` are
+    parameters by name (``N3620``)."""
     lines = ["%", "(CNCID=000000000000)"]
-    head = {"N3605": "00000000", "N3620": "0", "N3621": "0", "N3622": "0", "N3623": "1", "N3624": "0.0", "N3626": "0", "N3627": "0"} | own
+    head = {
+        "N3605": "00000000",
+        "N3620": "0",
+        "N3621": "0",
+        "N3622": "0",
+        "N3623": "1",
+        "N3624": "0.0",
+        "N3626": "0",
+        "N3627": "0",
+    } | own
     if parameters:
         lines += [f"N0{name[1:]}Q1{_of_axes(value)}" for name, value in head.items()]
     lines += [*more, *(f"N1{point:04}Q0P{(pitch or {}).get(point, 0)}" for point in range(points))]
@@ -94,9 +144,12 @@ def _of_axes(value: str) -> str:
 
 SET_UP = {"N3620": "12 32 52", "N3624": "100.0 80.0 60.0"}
 """Parameters of a machine whose pitch data were in use."""
-INCLINED = [f"N0{5861 + point}Q1A1P{10 + point}A2P{30 + 2 * point}A3P{50 + point}" for point in range(4)] + [
-    f"N0{5871 + point}Q1A1P0A2P0A3P0" for point in range(4)
-]
+INCLINED = [
+    f"N0{5861 + point}Q1A1P{10 + point}A2P{30 + 2 * point}A3P{50 + point}" for point in range(4)
+] + [f"N0{5871 + point}Q1A1P0A2P0A3P0" for point in range(4)]
 STRAIGHT = [f"N0{number}Q1P0" for first in (5711, 5721) for number in range(first, first + 3)] + [
-    f"N0{first + 10 * one + point}Q1P{point if first < 5760 else 0}" for first in (5731, 5761) for one in range(3) for point in range(4)
+    f"N0{first + 10 * one + point}Q1P{point if first < 5760 else 0}"
+    for first in (5731, 5761)
+    for one in range(3)
+    for point in range(4)
 ]

@@ -1,4 +1,5 @@
-"""Results for the references: odd numbers of few decimals, so that no two functions, axes or signs can be taken for each other."""
+"""Results for the references: odd numbers of few decimals, so that no two functions, axes or signs
+can be taken for each other."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -35,8 +36,15 @@ ANGLES = {
     "EBZ": (0.0, 5.9, 8.9, 14.9),
     "ECZ": (0.0, 2.1, 6.7, 8.1),
 }
-REVERSAL = {"EXX": (2.13, 2.37, 2.71, 2.29), "EYY": (-3.19, -3.47, -2.93, -3.31), "EYX": (0.0, 1.37, -1.93, 1.17)}
-BACKLASH = {"X": {"value": 2.34, "u": 0.21, "unit": "um"}, "Y": {"value": -3.27, "u": 0.17, "unit": "um"}}
+REVERSAL = {
+    "EXX": (2.13, 2.37, 2.71, 2.29),
+    "EYY": (-3.19, -3.47, -2.93, -3.31),
+    "EYX": (0.0, 1.37, -1.93, 1.17),
+}
+BACKLASH = {
+    "X": {"value": 2.34, "u": 0.21, "unit": "um"},
+    "Y": {"value": -3.27, "u": 0.17, "unit": "um"},
+}
 OFF: Mapping[str, Any] = {"machine": "test machine", "compensation": "off", "active_files": []}
 
 
@@ -52,7 +60,8 @@ def result_of(
     findings: tuple[Finding, ...] = (),
     **extra: Any,
 ) -> Result:
-    """Return the result of a survey that says what was active (``survey``), by a program whose version never changes."""
+    """Return the result of a survey that says what was active (``survey``), by a program whose
+    version never changes."""
     made = made_result(
         shapes,
         squareness=squareness,
@@ -63,7 +72,9 @@ def result_of(
         shape_only=shape_only,
         findings=findings,
     )
-    return replace(made, software=Software(name="stepdiag", version="0"), **members(**{"survey": OFF, **extra}))
+    return replace(
+        made, software=Software(name="stepdiag", version="0"), **members(**{"survey": OFF, **extra})
+    )
 
 
 PLAIN = result_of()
@@ -86,24 +97,49 @@ def told() -> Result:
         lengths={
             "tables": "as_measured",
             "material_c": [22.5, 22.75, 22.625],
-            "as_measured": {"X": {"value": 11.9, "u": 0.8}, "Y": {"value": -9.1, "u": 0.7}, "Z": {"value": None, "u": None}},
-            "at_20_c": {"X": {"value": -18.3, "u": 1.1}, "Y": {"value": -39.7, "u": 1.2}, "Z": {"value": None, "u": None}},
+            "as_measured": {
+                "X": {"value": 11.9, "u": 0.8},
+                "Y": {"value": -9.1, "u": 0.7},
+                "Z": {"value": None, "u": None},
+            },
+            "at_20_c": {
+                "X": {"value": -18.3, "u": 1.1},
+                "Y": {"value": -39.7, "u": 1.2},
+                "Z": {"value": None, "u": None},
+            },
         },
         conditions={"assumed": {"air_temperature_c": 20.0, "relative_humidity_percent": 50.0}},
         tool={"up_to_um_per_100_mm": 1.43},
     )
-    scale = {"X": Scale(value=39.5, u=0.8, identified=True), "Y": Scale(value=-38.1, u=0.7, identified=True), "Z": full.scale["Z"]}
-    reports = setups(ppp={"passes": [1, 2], "repeatability_um": 0.31}, linear_x={"passes": [1]}, linear_y={"passes": [1]})
+    scale = {
+        "X": Scale(value=39.5, u=0.8, identified=True),
+        "Y": Scale(value=-38.1, u=0.7, identified=True),
+        "Z": full.scale["Z"],
+    }
+    reports = setups(
+        ppp={"passes": [1, 2], "repeatability_um": 0.31},
+        linear_x={"passes": [1]},
+        linear_y={"passes": [1]},
+    )
     return replace(full, scale=scale, setups=reports)
 
 
 def expecting() -> Result:
-    """Return a result whose angles were not measured, with what its readings make likely of three of them."""
+    """Return a result whose angles were not measured, with what its readings make likely of three
+    of them."""
     full = result_of(angles={name: ANGLES[name] for name in ("EAX", "ECY", "EBZ")})
     likely = {name: function for name, function in full.errors.items() if name in ROTATIONS}
-    return replace(full, errors={name: full.errors[name] for name in DISPLACEMENTS}, expected=likely)
+    return replace(
+        full, errors={name: full.errors[name] for name in DISPLACEMENTS}, expected=likely
+    )
 
 
 def uncertain(result: Result, **u: float) -> Result:
     """Return a result with other standard uncertainties: of the squarenesses by name."""
-    return replace(result, squareness={name: Quantity(value=q.value, u=u.get(name, q.u)) for name, q in result.squareness.items()})
+    return replace(
+        result,
+        squareness={
+            name: Quantity(value=q.value, u=u.get(name, q.u))
+            for name, q in result.squareness.items()
+        },
+    )

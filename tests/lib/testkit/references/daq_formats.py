@@ -1,6 +1,7 @@
 """The rooms of daq/formats, played from an input as it stands in a reference file.
 
-Bytes stand there as text, a character a byte, as ``{"hex": ...}``, or as ``{"hex": ..., "times": ...}`` where they repeat.
+Bytes stand there as text, a character a byte, as ``{"hex": ...}``, or as ``{"hex": ..., "times":
+...}`` where they repeat.
 """
 
 from collections.abc import Callable
@@ -16,14 +17,33 @@ from stepdiag.daq.formats.framing.frames import FrameBuffer, Junk
 from stepdiag.daq.formats.framing.layout import read_layout
 from stepdiag.daq.formats.framing.lines import LineBuffer, quote
 from stepdiag.daq.formats.framing.units import mm_per_unit
-from stepdiag.daq.formats.instruments import air, angles, fourdof, framed, ids3010, lasertex, line, nd, qudis, tqd
+from stepdiag.daq.formats.instruments import (
+    air,
+    angles,
+    fourdof,
+    framed,
+    ids3010,
+    lasertex,
+    line,
+    nd,
+    qudis,
+    tqd,
+)
 from stepdiag.daq.formats.instruments.umd import decoder as umd
 from stepdiag.daq.formats.instruments.umd.board import Board
 from stepdiag.daq.formats.instruments.umd.reading import Reading
 from stepdiag.daq.formats.instruments.umd.rows import OddLine, parse_lines, uniform_rows
 from stepdiag.daq.formats.recognise import recognise, refused, senseless
 from stepdiag.daq.formats.registry import make_decoder
-from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder, SignalSpec, describe, plan_reads, registers, resolution
+from stepdiag.daq.formats.signals import (
+    CONTRACT_SIGNALS,
+    SignalDecoder,
+    SignalSpec,
+    describe,
+    plan_reads,
+    registers,
+    resolution,
+)
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.samples import Samples
 from testkit.references import plain
@@ -43,23 +63,40 @@ SETTINGS: dict[str, Callable[..., Any]] = {
 }
 OWN_SETTINGS = {"elcomat": "angles", "wyler": "angles", "ptu300": "air", "air-line": "air"}
 """Where a format has no settings of its own name."""
-TOLD = ("nominal_rate_hz", "gaps_visible", "latency_s", "greeting", "request", "poll_interval_s", "others")
+TOLD = (
+    "nominal_rate_hz",
+    "gaps_visible",
+    "latency_s",
+    "greeting",
+    "request",
+    "poll_interval_s",
+    "others",
+)
 
 
 def raw(said: Any) -> bytes:
     """Return the bytes that a reference file means."""
-    return bytes.fromhex(said["hex"]) * said.get("times", 1) if isinstance(said, dict) else said.encode("latin-1")
+    return (
+        bytes.fromhex(said["hex"]) * said.get("times", 1)
+        if isinstance(said, dict)
+        else said.encode("latin-1")
+    )
 
 
 def settings_of(kind: str, said: dict[str, Any]) -> Any:
     """Return the settings, lists as tuples."""
-    return SETTINGS[kind](**{name: tuple(value) if isinstance(value, list) else value for name, value in said.items()})
+    return SETTINGS[kind](
+        **{name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
+    )
 
 
 def decoder(told: dict[str, Any]) -> Any:
-    """Play chunks into a decoder: what it says of itself before and after, and the batch of every chunk that gives one."""
+    """Play chunks into a decoder: what it says of itself before and after, and the batch of every
+    chunk that gives one."""
     name = told["format"]
-    made = make_decoder(name.removeprefix("air-"), settings_of(OWN_SETTINGS.get(name, name), told["settings"]))
+    made = make_decoder(
+        name.removeprefix("air-"), settings_of(OWN_SETTINGS.get(name, name), told["settings"])
+    )
     begins, batches, respond = _says(made), [], None
     for at, (act, *rest) in enumerate(told["steps"]):
         if act == "resync":
@@ -82,9 +119,15 @@ def _says(made: Any) -> dict[str, Any]:
 
 def _batch(found: Samples) -> dict[str, Any]:
     columns = [found.counter, found.position_mm, found.beam, found.flags, found.arrival_ns]
-    notices = [[each.code, each.index, each.name or plain(each.why), plain(each.value)] for each in found.notices]
+    notices = [
+        [each.code, each.index, each.name or plain(each.why), plain(each.value)]
+        for each in found.notices
+    ]
     return {
-        "rows": [[None if value == "nan" else value for value in plain(row)] for row in zip(*columns, strict=True)],
+        "rows": [
+            [None if value == "nan" else value for value in plain(row)]
+            for row in zip(*columns, strict=True)
+        ],
         "channels": None if found.channels is None else plain(found.channels),
         "notices": notices,
     }
@@ -118,7 +161,8 @@ def counter(told: dict[str, Any]) -> Any:
 
 
 def checksums(told: list[str]) -> Any:
-    """Return every checksum of some bytes, of the catalogue and of parameters that it does not name."""
+    """Return every checksum of some bytes, of the catalogue and of parameters that it does not
+    name."""
     others = [
         Crc(width=width, polynomial=polynomial, start=start, reflected=reflected)
         for width, polynomial in ((8, 0x9B), (8, 0x07), (16, 0x8BB7), (16, 0xC867))
@@ -126,19 +170,28 @@ def checksums(told: list[str]) -> Any:
         for reflected in (False, True)
     ]
     made = dict(CHECKSUMS) | {str(plain(crc)): checksum(crc) for crc in others}
-    return {name: [each.size, *(each.of(raw(text)) for text in told)] for name, each in made.items()}
+    return {
+        name: [each.size, *(each.of(raw(text)) for text in told)] for name, each in made.items()
+    }
 
 
 def frames(told: dict[str, Any]) -> Any:
     """Play chunks into a buffer of frames whose last byte is the sum of those before."""
-    buffer = FrameBuffer(raw(told["sync"]), told["size"], lambda frame: frame[-1] == sum(frame[:-1]) % 256)
+    buffer = FrameBuffer(
+        raw(told["sync"]), told["size"], lambda frame: frame[-1] == sum(frame[:-1]) % 256
+    )
     found = []
     for chunk in told["chunks"]:
         if chunk == "clear":
             buffer.clear()
             continue
         parts = list(buffer.feed(raw(chunk)))
-        found.append([plain(part.why) if isinstance(part, Junk) else [row.tobytes().hex() for row in part] for part in parts])
+        found.append(
+            [
+                plain(part.why) if isinstance(part, Junk) else [row.tobytes().hex() for row in part]
+                for part in parts
+            ]
+        )
     return found
 
 
@@ -166,7 +219,11 @@ def layout(told: dict[str, Any]) -> Any:
             continue
         data = np.frombuffer(raw(told["frame"]), dtype=np.uint8).reshape(2, -1)
         orders: tuple[Any, ...] = ("little", "big")
-        columns = {name: [plain(place.column(data, order)) for order in orders] for name, place in places.items() if end <= data.shape[1]}
+        columns = {
+            name: [plain(place.column(data, order)) for order in orders]
+            for name, place in places.items()
+            if end <= data.shape[1]
+        }
         found.append({"places": plain(places), "end": end, "columns": columns})
     return found
 
@@ -181,7 +238,10 @@ def umd_lines(told: list[Any]) -> Any:
     found = []
     for said in told:
         block = raw(said)
-        parts = [[part.code, plain(part.why)] if isinstance(part, OddLine) else part.tolist() for part in parse_lines(block)]
+        parts = [
+            [part.code, plain(part.why)] if isinstance(part, OddLine) else part.tolist()
+            for part in parse_lines(block)
+        ]
         rows = uniform_rows(block) if block.endswith(b"\n") else None
         found.append({"parts": parts, "uniform": rows is not None})
     return found
@@ -193,7 +253,16 @@ def umd_board(told: dict[str, Any]) -> Any:
     for code, data in told["codes"]:
         knew = board.knows(code, data)
         said = board.hear(code, data)
-        found.append([knew, plain(said), plain(board.reading), board.rate_hz, board.counts_every_sample, board.knows(code, data)])
+        found.append(
+            [
+                knew,
+                plain(said),
+                plain(board.reading),
+                board.rate_hz,
+                board.counts_every_sample,
+                board.knows(code, data),
+            ]
+        )
     return found
 
 
@@ -207,7 +276,12 @@ def recognised(told: list[Any]) -> Any:
     """Return which instrument some bytes are of, and what is said where nothing makes sense."""
     return [
         plain(
-            [recognise(raw(said)), senseless("nd", raw(said), len(raw(said)), ""), senseless("umd", raw(said), 7, "odd"), refused("nd", "")]
+            [
+                recognise(raw(said)),
+                senseless("nd", raw(said), len(raw(said)), ""),
+                senseless("umd", raw(said), 7, "odd"),
+                refused("nd", ""),
+            ]
         )
         for said in told
     ]
@@ -232,32 +306,62 @@ def expressions(told: list[dict[str, Any]]) -> Any:
 def signals(told: dict[str, Any]) -> Any:
     """Decode blocks of registers with a map, and say of the map what is asked for."""
     whole = told["signals"] == "contract"
-    specs = dict(CONTRACT_SIGNALS) if whole else {name: SignalSpec(**said) for name, said in told["signals"].items()}
-    kinds: dict[str, Any] = {name: "bit" if spec.type == "bit" or spec.in_bit_table else "word" for name, spec in specs.items()}
-    made = {name: parse_expression(text, kinds, name) for name, text in told.get("expressions", {}).items()}
+    specs = (
+        dict(CONTRACT_SIGNALS)
+        if whole
+        else {name: SignalSpec(**said) for name, said in told["signals"].items()}
+    )
+    kinds: dict[str, Any] = {
+        name: "bit" if spec.type == "bit" or spec.in_bit_table else "word"
+        for name, spec in specs.items()
+    }
+    made = {
+        name: parse_expression(text, kinds, name)
+        for name, text in told.get("expressions", {}).items()
+    }
     reader, found = SignalDecoder(specs, made), []
     standing = told.get("standing", ["stopped"])
     for block in told["blocks"]:
-        ranges = tuple(ReadRange(*asked) for asked in block["ranges"]) if "ranges" in block else plan_reads(specs, standing)
+        ranges = (
+            tuple(ReadRange(*asked) for asked in block["ranges"])
+            if "ranges" in block
+            else plan_reads(specs, standing)
+        )
         try:
             said = reader.decode(ModbusBlock(0, 1, ranges, tuple(map(raw, block["data"]))))
             told_of = {name: value for name, value in plain(said).items() if value is not None}
-            found.append({"signals": told_of, "unanswered": reader.unanswered(ModbusBlock(0, 1, ranges, tuple(map(raw, block["data"]))))})
+            found.append(
+                {
+                    "signals": told_of,
+                    "unanswered": reader.unanswered(
+                        ModbusBlock(0, 1, ranges, tuple(map(raw, block["data"])))
+                    ),
+                }
+            )
         except StepdiagError as refusal:
             found.append(f"{type(refusal).__name__}: {plain(refusal.message)}")
     return {
         "reads": plain(plan_reads(specs, standing)),
         "places": {name: describe(spec) for name, spec in specs.items()},
-        "widths": {name: [spec.width, spec.in_bit_table, spec.in_byte_table] for name, spec in specs.items()},
+        "widths": {
+            name: [spec.width, spec.in_bit_table, spec.in_byte_table]
+            for name, spec in specs.items()
+        },
         "registers": plain(registers(specs.values())),
-        "resolutions": {name: [plain(resolution(spec, value)) for value in (0.5, 1234.5)] for name, spec in specs.items()},
+        "resolutions": {
+            name: [plain(resolution(spec, value)) for value in (0.5, 1234.5)]
+            for name, spec in specs.items()
+        },
         "said": plain(found),
     }
 
 
 def plan(told: dict[str, Any]) -> Any:
-    """Return the requests that read runs of signals: ``[how many, between two addresses, the first one]``."""
-    runs = enumerate([*told["runs"], [1, 0, told["stopped"]]] if "stopped" in told else told["runs"])
+    """Return the requests that read runs of signals: ``[how many, between two addresses, the first
+    one]``."""
+    runs = enumerate(
+        [*told["runs"], [1, 0, told["stopped"]]] if "stopped" in told else told["runs"]
+    )
     specs = {
         "stopped" if "stopped" in told and at == len(told["runs"]) else f"w{at}-{k}": SignalSpec(
             **first | {"address": first["address"] + k * stride}

@@ -1,4 +1,5 @@
-"""What the exporters are asked of their reference data: an input names a call's cases, which stand as code in `testkit.recorded`."""
+"""What the exporters are asked of their reference data: an input names a call's cases, which stand
+as code in `testkit.recorded`."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -25,10 +26,26 @@ OTHERS = "others"
 GROUPS: Mapping[str, tuple[Callable[[], Cases], tuple[str, ...]]] = {
     "exported": (
         exported.cases,
-        ("siemens-loaded", "siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor", "neutral"),
+        (
+            "siemens-loaded",
+            "siemens",
+            "fanuc",
+            "heidenhain",
+            "linuxcnc",
+            "beckhoff",
+            "mitsubishi",
+            "fagor",
+            "neutral",
+        ),
     ),
-    "damaged": (damaged.cases, ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi")),
-    "judged": (judged.cases, ("all", "EXX", "EZY", "EXZ", "products", "lattice", "beckhoff", "heidenhain", "linuxcnc")),
+    "damaged": (
+        damaged.cases,
+        ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi"),
+    ),
+    "judged": (
+        judged.cases,
+        ("all", "EXX", "EZY", "EXZ", "products", "lattice", "beckhoff", "heidenhain", "linuxcnc"),
+    ),
     "checked": (checked.cases, ("standing", "remarks", "kinds-of-laws")),
     "tried": (tried.cases, ("bump", "verdict")),
     "programmed": (programmed.cases, ("fanuc", "heidenhain", "linuxcnc", "siemens", "profiles")),
@@ -40,12 +57,16 @@ GROUPS: Mapping[str, tuple[Callable[[], Cases], tuple[str, ...]]] = {
     "served": (served.cases, ()),
     "asked": (asked.cases, ("common", "section")),
 }
-"""By call: its cases, and the beginnings of the names of those that stand in a file of their own; the first that fits counts."""
+"""By call: its cases, and the beginnings of the names of those that stand in a file of their own;
+the first that fits counts."""
 
 
 def group_of(call: str, name: str) -> str:
     """Return the group of a case."""
-    return next((group for group in GROUPS[call][1] if name == group or name.startswith(f"{group}-")), OTHERS)
+    return next(
+        (group for group in GROUPS[call][1] if name == group or name.startswith(f"{group}-")),
+        OTHERS,
+    )
 
 
 def made(call: str, group: str) -> dict[str, Any]:

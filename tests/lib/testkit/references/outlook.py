@@ -1,4 +1,5 @@
-"""What stands on a result: fields, predictions, stretches and notes; and surveys that were not driven yet."""
+"""What stands on a result: fields, predictions, stretches and notes; and surveys that were not
+driven yet."""
 
 import numpy as np
 
@@ -6,7 +7,12 @@ from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.readings.runs import Plan, Run, run_minutes, run_stops_mm, setup_minutes
 from stepdiag.base.result.basis import basis_of, scales_in_words
-from stepdiag.base.result.field import along_diagonal_um, bend_um, error_field_um, without_rigid_motion
+from stepdiag.base.result.field import (
+    along_diagonal_um,
+    bend_um,
+    error_field_um,
+    without_rigid_motion,
+)
 from stepdiag.base.result.prediction import predicted, predicted_with_u, squares_um2
 from stepdiag.base.result.result import Result
 from stepdiag.base.result.stretches import harmed
@@ -21,7 +27,8 @@ SHARES = (0.0, 0.5, 1.0, -0.4)
 
 
 def of_volume(result: Result):
-    """Return what is told of a result's volume, before and after corrections by shares of its own field and by others."""
+    """Return what is told of a result's volume, before and after corrections by shares of its own
+    field and by others."""
     points = anywhere_mm(result.volume)[EVERY]
     field = error_field_um(result, points)
     beside = 0.3 * np.sin(points / 17.0)
@@ -37,15 +44,26 @@ def of_volume(result: Result):
         "predicted": [written(predicted(result, points, -share * field)) for share in SHARES],
         "beside": written(predicted(result, points, -field, beside)),
         "with_u": predicted_with_u(result, result.posterior, points, -field),
-        "squares_um2": [np.mean(each, axis=1)[::25] for each in squares_um2(result, points, -field, beside)],
+        "squares_um2": [
+            np.mean(each, axis=1)[::25] for each in squares_um2(result, points, -field, beside)
+        ],
         "harmed": [
-            [plain(one) | {"times": one.times} for one in harmed(result, points, change)] for change in (wrong, wrong - field, 2.5 * field)
+            [plain(one) | {"times": one.times} for one in harmed(result, points, change)]
+            for change in (wrong, wrong - field, 2.5 * field)
         ],
         "harmed_beside": plain(harmed(result, points, -0.7 * field, beside)),
-        "diagonals": {name: along_diagonal_um(result, name, np.array([0.0, 0.2, 0.5, 1.0]) * length) for name in BODY_DIAGONALS},
+        "diagonals": {
+            name: along_diagonal_um(result, name, np.array([0.0, 0.2, 0.5, 1.0]) * length)
+            for name in BODY_DIAGONALS
+        },
         "refused": [
             refused(lambda one: along_diagonal_um(result, one[0], np.array(one[1])), one)
-            for one in (["ppp", [0.0, length + 1.1]], ["ppp", [-1.1, 1.0]], ["xpp", [0.0]], ["npp", [-0.9, length + 0.9]])
+            for one in (
+                ["ppp", [0.0, length + 1.1]],
+                ["ppp", [-1.1, 1.0]],
+                ["xpp", [0.0]],
+                ["npp", [-0.9, length + 0.9]],
+            )
         ],
         **of_words(result),
     }
@@ -65,8 +83,20 @@ def of_words(result: Result):
 
 
 def _plan(given):
-    volume = Volume(origin_mm=(10.0, -20.0, 0.0), size_mm=tuple(given["size_mm"]), increments=given["increments"])
-    runs = tuple(Run(**{name: tuple(value) if isinstance(value, list) else value for name, value in run.items()}) for run in given["runs"])
+    volume = Volume(
+        origin_mm=(10.0, -20.0, 0.0),
+        size_mm=tuple(given["size_mm"]),
+        increments=given["increments"],
+    )
+    runs = tuple(
+        Run(
+            **{
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in run.items()
+            }
+        )
+        for run in given["runs"]
+    )
     return Plan(volume=volume, runs=runs, axis_order=given.get("axis_order", "xyz"))
 
 
@@ -87,7 +117,11 @@ def _told(found: Forecast):
 
 
 def _forecast(given):
-    about = Circumstances(assumed=Assumptions(**given.get("assumed", {})), chain=given.get("chain", "FXYZ"), **given.get("about", {}))
+    about = Circumstances(
+        assumed=Assumptions(**given.get("assumed", {})),
+        chain=given.get("chain", "FXYZ"),
+        **given.get("about", {}),
+    )
     survey = _plan(given)
     told = _told(forecast(survey, about)) | {
         "runs_min": [[run_minutes(survey, run), setup_minutes(survey, run)] for run in survey.runs],
@@ -101,7 +135,11 @@ def _forecast(given):
 
 
 def _chosen(found: Forecast):
-    return [[[run.setup, run.repeats, run.return_pass] for run in found.plan.runs], found.minutes, found.left_um]
+    return [
+        [[run.setup, run.repeats, run.return_pass] for run in found.plan.runs],
+        found.minutes,
+        found.left_um,
+    ]
 
 
 def forecasts(given):

@@ -1,1 +1,2 @@
-"""Processes, sockets, ptys, disks and brokers for system tests: each does what a test tells it, and ends with it."""
+"""Processes, sockets, ptys, disks and brokers for system tests: each does what a test tells it, and
+ends with it."""

@@ -1,4 +1,5 @@
-"""A Debian with a real systemd, booted in a container of the host's kernel, for the tests of the unit.
+"""A Debian with a real systemd, booted in a container of the host's kernel, for the tests of the
+unit.
 
 Needs the rights of root: as root, or through sudo.
 """
@@ -22,7 +23,14 @@ ELEVATED = () if os.geteuid() == 0 else ("sudo", "-n")
 
 def as_root(*command, text="", check=True):
     """Run a command with the rights of root; return its standard output."""
-    done = subprocess.run([*ELEVATED, *map(str, command)], input=text, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        [*ELEVATED, *map(str, command)],
+        input=text,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0 or not check, f"{command}: {done.stderr or done.stdout}"
     return done.stdout
 
@@ -33,19 +41,44 @@ def write(path, text):
 
 
 def debian_root(what="bookworm"):
-    """Return the root file system, made where it is not there yet; ``what`` as tools/debian-root takes it."""
-    done = subprocess.run(["tools/debian-root", what], cwd=CHECKOUT, capture_output=True, text=True, timeout=900, check=False)
+    """Return the root file system, made where it is not there yet; ``what`` as tools/debian-root
+    takes it."""
+    done = subprocess.run(
+        ["tools/debian-root", what],
+        cwd=CHECKOUT,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return Path(done.stdout.strip())
 
 
 def install_wheel(root, folder):
-    """Install stepdiag's wheel into /opt/stepdiag as docs/install.md says; its libraries are those of the tests, seen through a mount."""
-    as_root("rm", "-rf", root / "opt/stepdiag", root / "var/lib/private/stepdiag", root / "etc/stepdiag", root / "var/log/journal")
+    """Install stepdiag's wheel into /opt/stepdiag as docs/install.md says; its libraries are those
+    of the tests, seen through a mount."""
+    as_root(
+        "rm",
+        "-rf",
+        root / "opt/stepdiag",
+        root / "var/lib/private/stepdiag",
+        root / "etc/stepdiag",
+        root / "var/log/journal",
+    )
     as_root("chroot", root, "python3", "-m", "venv", "/opt/stepdiag")
     wheel = built_wheel(folder)
     as_root("cp", wheel, root / "opt" / wheel.name)
-    as_root("chroot", root, "/opt/stepdiag/bin/pip", "install", "--quiet", "--no-index", "--no-deps", f"/opt/{wheel.name}")
+    as_root(
+        "chroot",
+        root,
+        "/opt/stepdiag/bin/pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        f"/opt/{wheel.name}",
+    )
     write(root / "opt/stepdiag/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n")
 
 
@@ -54,14 +87,23 @@ def built_wheel(folder):
     if Path(sys.prefix).name == ".venv-test":
         return next((CHECKOUT / "dist").glob("stepdiag-*.whl"))
     uv = CHECKOUT / ".tools" / "bin" / "uv"
-    subprocess.run([uv if uv.exists() else "uv", "build", "--quiet", "--wheel", "--out-dir", folder, CHECKOUT], check=True, timeout=120)
+    subprocess.run(
+        [uv if uv.exists() else "uv", "build", "--quiet", "--wheel", "--out-dir", folder, CHECKOUT],
+        check=True,
+        timeout=120,
+    )
     return next(folder.glob("stepdiag-*.whl"))
 
 
 def install_units(root, instance, drop_in):
     """Copy what the wheel brought for systemd to its places, and enable an instance."""
     came = root / "opt/stepdiag/share/stepdiag/systemd"
-    for unit in ("stepdiag@.service", "stepdiag-page@.service", "stepdiag-page@.socket", "stepdiag-publish@.service"):
+    for unit in (
+        "stepdiag@.service",
+        "stepdiag-page@.service",
+        "stepdiag-page@.socket",
+        "stepdiag-publish@.service",
+    ):
         write(root / "etc/systemd/system" / unit, (came / unit).read_text())
     write(root / "etc/systemd/system/stepdiag@.service.d/test.conf", drop_in)
     for name in ("page", "publish"):
@@ -82,7 +124,9 @@ class Booted:
 
     def run(self, *command, check=True):
         """Run a command inside; return its standard output."""
-        return as_root("nsenter", "-t", self.pid, "-m", "-u", "-i", "-n", "-p", "-C", *command, check=check)
+        return as_root(
+            "nsenter", "-t", self.pid, "-m", "-u", "-i", "-n", "-p", "-C", *command, check=check
+        )
 
     def show(self, unit):
         """Return the properties of a unit."""
@@ -93,9 +137,9 @@ class Booted:
         """Return the properties of a unit once ``wanted`` says that they are right."""
         end = time.monotonic() + timeout_s
         while not wanted(seen := self.show(unit)):
-            assert time.monotonic() < end, {key: seen.get(key) for key in ("ActiveState", "StatusText", "NRestarts", "Result")} | {
-                "journal": self.journal(unit)[-5:]
-            }
+            assert time.monotonic() < end, {
+                key: seen.get(key) for key in ("ActiveState", "StatusText", "NRestarts", "Result")
+            } | {"journal": self.journal(unit)[-5:]}
             time.sleep(0.2)
         return seen
 
@@ -108,10 +152,27 @@ class Booted:
 @contextmanager
 def booted(root, name, *binds):
     """Boot a root file system; power it off at the end."""
-    mounts = [f"--bind-ro={sysconfig.get_path('purelib')}:/opt/libraries", *(f"--bind={bind}" for bind in binds)]
-    command = ["systemd-nspawn", "-D", root, "--boot", "--register=no", "--keep-unit", f"--machine={name}", "--console=pipe", *mounts]
+    mounts = [
+        f"--bind-ro={sysconfig.get_path('purelib')}:/opt/libraries",
+        *(f"--bind={bind}" for bind in binds),
+    ]
+    command = [
+        "systemd-nspawn",
+        "-D",
+        root,
+        "--boot",
+        "--register=no",
+        "--keep-unit",
+        f"--machine={name}",
+        "--console=pipe",
+        *mounts,
+    ]
     container = subprocess.Popen(
-        [*ELEVATED, *map(str, command)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
+        [*ELEVATED, *map(str, command)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
     )
     with container.stdout:
         try:
@@ -132,14 +193,25 @@ def booted(root, name, *binds):
 
 
 def _first_process(container):
-    """Return the id of the container's process 1 once its manager has started everything, or what it could."""
+    """Return the id of the container's process 1 once its manager has started everything, or what
+    it could."""
     end = time.monotonic() + 120
     said = ""
     while time.monotonic() < end:
         for pid in _descendants(container.pid):
             if _name_of(pid) != "systemd":
                 continue
-            said = as_root("nsenter", "-t", pid, "-m", "-p", "-C", "systemctl", "is-system-running", check=False).strip()
+            said = as_root(
+                "nsenter",
+                "-t",
+                pid,
+                "-m",
+                "-p",
+                "-C",
+                "systemctl",
+                "is-system-running",
+                check=False,
+            ).strip()
             if said in {"running", "degraded"}:
                 return pid
         assert container.poll() is None, container.stdout.read()
@@ -148,7 +220,8 @@ def _first_process(container):
 
 
 def _name_of(pid):
-    """Return what a process calls itself; empty where it has ended, which it may do while it is asked."""
+    """Return what a process calls itself; empty where it has ended, which it may do while it is
+    asked."""
     try:
         return Path(f"/proc/{pid}/comm").read_text().strip()
     except OSError:
@@ -157,7 +230,9 @@ def _name_of(pid):
 
 def _descendants(pid):
     try:
-        children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        children = [
+            int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        ]
     except OSError:
         return []
     return children + [each for child in children for each in _descendants(child)]

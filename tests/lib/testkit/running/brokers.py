@@ -1,4 +1,5 @@
-"""A real MQTT broker (mosquitto) on this computer: TLS, one user, nothing kept on disk; and what it holds, as a newcomer hears it."""
+"""A real MQTT broker (mosquitto) on this computer: TLS, one user, nothing kept on disk; and what it
+holds, as a newcomer hears it."""
 
 import asyncio
 import json
@@ -34,15 +35,36 @@ def prepared(folder):
     """Make certificate, password and settings of a broker; return where it will be."""
     port = reserved_port()
     _run(
-        "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=localhost",
-        "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1", "-keyout", folder / "broker.key", "-out", folder / "broker.crt",
-    )  # fmt: skip
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "ec",
+        "-pkeyopt",
+        "ec_paramgen_curve:prime256v1",
+        "-nodes",
+        "-subj",
+        "/CN=localhost",
+        "-addext",
+        "subjectAltName=DNS:localhost,IP:127.0.0.1",
+        "-keyout",
+        folder / "broker.key",
+        "-out",
+        folder / "broker.crt",
+    )
     _run("mosquitto_passwd", "-b", "-c", folder / "users", USER, PASSWORD)
     settings = {
-        "listener": f"{port} 127.0.0.1", "certfile": folder / "broker.crt", "keyfile": folder / "broker.key", "allow_anonymous": "false",
-        "password_file": folder / "users", "persistence": "false", "user": "root",
-    }  # fmt: skip
-    (folder / "broker.conf").write_text("".join(f"{name} {value}\n" for name, value in settings.items()))
+        "listener": f"{port} 127.0.0.1",
+        "certfile": folder / "broker.crt",
+        "keyfile": folder / "broker.key",
+        "allow_anonymous": "false",
+        "password_file": folder / "users",
+        "persistence": "false",
+        "user": "root",
+    }
+    (folder / "broker.conf").write_text(
+        "".join(f"{name} {value}\n" for name, value in settings.items())
+    )
     return Place(folder, port)
 
 
@@ -50,7 +72,9 @@ def prepared(folder):
 def running(place):
     """Run the broker; it is ready when this begins."""
     with (place.folder / "broker.log").open("ab") as log:
-        broker = subprocess.Popen(["mosquitto", "-c", place.folder / "broker.conf"], stdout=log, stderr=log)
+        broker = subprocess.Popen(
+            ["mosquitto", "-c", place.folder / "broker.conf"], stdout=log, stderr=log
+        )
     try:
         end = time.monotonic() + PATIENCE_S
         while True:
@@ -67,13 +91,21 @@ def running(place):
 
 
 def heard(place, wanted):
-    """Return what somebody who has only just come hears, by the last word of its topic, once ``wanted`` says that it is right."""
+    """Return what somebody who has only just come hears, by the last word of its topic, once
+    ``wanted`` says that it is right."""
     return asyncio.run(asyncio.wait_for(_heard(place, wanted), PATIENCE_S))
 
 
 async def _heard(place, wanted):
     context = ssl.create_default_context(cafile=place.authority)
-    async with aiomqtt.Client("127.0.0.1", place.port, username=USER, password=PASSWORD, tls_context=context, timeout=PATIENCE_S) as client:
+    async with aiomqtt.Client(
+        "127.0.0.1",
+        place.port,
+        username=USER,
+        password=PASSWORD,
+        tls_context=context,
+        timeout=PATIENCE_S,
+    ) as client:
         await client.subscribe("#", qos=1)
         held = {}
         async for message in client.messages:

@@ -1,7 +1,8 @@
-"""Controls that speak their own protocol, in front of the virtual machine: each asks its PLC when it is asked itself.
+"""Controls that speak their own protocol, in front of the virtual machine: each asks its PLC when
+it is asked itself.
 
-The S7 side is the library's own server. The LSV2 side is written from the public description of the telegrams: 4 bytes of length, most
-significant first, 4 letters, then as much data.
+The S7 side is the library's own server. The LSV2 side is written from the public description of the
+telegrams: 4 bytes of length, most significant first, 4 letters, then as much data.
 """
 
 import socket
@@ -64,7 +65,8 @@ class _S7Server(Server):
 
 
 class S7Control:
-    """An 828D: DB4900 words 0, 2, 4, 6 of the program, DB3900 to 3902 the axes (byte 0 bit 7 exact stop fine)."""
+    """An 828D: DB4900 words 0, 2, 4, 6 of the program, DB3900 to 3902 the axes (byte 0 bit 7 exact
+    stop fine)."""
 
     def __init__(self, plc, port=0):
         self.words, self._plc = bytearray(8), plc
@@ -101,7 +103,8 @@ class S7Control:
 
 
 class TncControl:
-    """A TNC: FN 19's numbers in D280 and D284 (0 under way), axes in position in W1026; D and W low byte first."""
+    """A TNC: FN 19's numbers in D280 and D284 (0 under way), axes in position in W1026; D and W low
+    byte first."""
 
     WORDS_AT = 0x4000
     WORDS = 2048
@@ -151,25 +154,41 @@ class TncControl:
                 if not more:
                     return
                 received += more
-                while len(received) >= 8 and len(received) >= 8 + struct.unpack(">L", received[:4])[0]:
+                while (
+                    len(received) >= 8 and len(received) >= 8 + struct.unpack(">L", received[:4])[0]
+                ):
                     end = 8 + struct.unpack(">L", received[:4])[0]
-                    letters, data, received = received[4:8].decode(), received[8:end], received[end:]
+                    letters, data, received = (
+                        received[4:8].decode(),
+                        received[8:end],
+                        received[end:],
+                    )
                     self.asked.append((letters, data))
                     answer = self._answer(letters, data) if self._answer else None
                     try:
-                        connection.sendall(answer if answer is not None else telegram(*self._respond(letters, data)))
+                        connection.sendall(
+                            answer
+                            if answer is not None
+                            else telegram(*self._respond(letters, data))
+                        )
                     except OSError:
                         return
 
     def _respond(self, letters, data):
         if letters == "A_LG":
             user, _, rest = data.partition(b"\0")
-            wrong = user == b"PLCDEBUG" and self._password and rest.rstrip(b"\0").decode() != self._password
+            wrong = (
+                user == b"PLCDEBUG"
+                and self._password
+                and rest.rstrip(b"\0").decode() != self._password
+            )
             return ("T_ER", bytes([1, 22])) if wrong else ("T_OK", b"")
         if letters in ("A_LO", "C_CC"):
             return "T_OK", b""
         if letters == "R_VR":
-            return "S_VR", (b"iTNC530\x00340490 08\x00PLC 1\x00%0000000" if not data else b"340490\x00")
+            return "S_VR", (
+                b"iTNC530\x00340490 08\x00PLC 1\x00%0000000" if not data else b"340490\x00"
+            )
         if letters == "R_PR":
             return "S_PR", self._parameters()
         if letters == "R_MB":
@@ -177,8 +196,41 @@ class TncControl:
         return "T_ER", bytes([1, 21])
 
     def _parameters(self):
-        places = [0x1000, 1000, 0x2000, 256, 0x3000, 256, 0x3100, 48, 0x3200, 48, self.WORDS_AT, self.WORDS, 0x8000, 16]
-        return struct.pack(">14L8B8L2BH4B2L2HL", *places, 80, *[0] * 7, *[0] * 8, 2, 0, 256, 1, 1, 1, 1, 0, 0, 0, 0, 0)
+        places = [
+            0x1000,
+            1000,
+            0x2000,
+            256,
+            0x3000,
+            256,
+            0x3100,
+            48,
+            0x3200,
+            48,
+            self.WORDS_AT,
+            self.WORDS,
+            0x8000,
+            16,
+        ]
+        return struct.pack(
+            ">14L8B8L2BH4B2L2HL",
+            *places,
+            80,
+            *[0] * 7,
+            *[0] * 8,
+            2,
+            0,
+            256,
+            1,
+            1,
+            1,
+            1,
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
 
     def _memory(self, address, count):
         place = address - self.WORDS_AT
@@ -201,13 +253,15 @@ def telegram(letters, data=b""):
 
 @contextmanager
 def s7_control(port=None):
-    """Run an 828D in front of the virtual machine whose Modbus port is given, or with a memory of its own."""
+    """Run an 828D in front of the virtual machine whose Modbus port is given, or with a memory of
+    its own."""
     yield from _running(S7Control, port)
 
 
 @contextmanager
 def tnc_control(port=None, **options):
-    """Run a TNC in front of the virtual machine whose Modbus port is given, or with a memory of its own."""
+    """Run a TNC in front of the virtual machine whose Modbus port is given, or with a memory of its
+    own."""
     yield from _running(TncControl, port, **options)
 
 

@@ -15,7 +15,8 @@ from stepdiag.demo.processes import Talker, talking
 from testkit.cli import stepdiag
 
 SILENT_S = 90.0
-"""A daemon that says nothing for so long waits for a person: what a test waits for does not come any more."""
+"""A daemon that says nothing for so long waits for a person: what a test waits for does not come
+any more."""
 
 UNIT_NICE = -10
 """The unit's priority; the bench stands for hardware, which no busy computer holds up."""
@@ -90,7 +91,8 @@ port = {page_port}
 
 @dataclass
 class Hall:
-    """Where everything is: the folder, the bench process, its options, and what it said when it was ready."""
+    """Where everything is: the folder, the bench process, its options, and what it said when it was
+    ready."""
 
     folder: Path
     bench: Talker
@@ -104,7 +106,8 @@ class Hall:
         return self.folder / "hall" / "0001"
 
     def start_setups(self, stop_after=None):
-        """Start every setup as soon as the bench waits for it; return when the program has finished (or after some)."""
+        """Start every setup as soon as the bench waits for it; return when the program has finished
+        (or after some)."""
         begun = 0
         while True:
             event = self.bench.next(300.0, "bench")["event"]
@@ -149,8 +152,8 @@ def hall(
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there.
 
-    A machine that says less than everything (``signals``) is looked at twice as often: one without a stop counter has nothing
-    else to tell two stops apart.
+    A machine that says less than everything (``signals``) is looked at twice as often: one without
+    a stop counter has nothing else to tell two stops apart.
     """
     named = ", ".join(f'"{setup}"' for setup in setups)
     common = {
@@ -171,10 +174,26 @@ def hall(
         "plc_more": plc_bench,
     }
     bench_file.write_text(
-        BENCH.format(**common, **driven, seed=seed, laser_more=laser_bench, transport=transport, faults=faults, bench_more=bench),
+        BENCH.format(
+            **common,
+            **driven,
+            seed=seed,
+            laser_more=laser_bench,
+            transport=transport,
+            faults=faults,
+            bench_more=bench,
+        ),
         encoding="utf-8",
     )
-    command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(bench_file), "--directory", str(folder / "devices"))
+    command = (
+        sys.executable,
+        "-m",
+        "stepdiag.virtual",
+        "--config",
+        str(bench_file),
+        "--directory",
+        str(folder / "devices"),
+    )
     with talking(command, errors=False) as bench:
         ready = bench.next(120.0, "bench")
         go_first(bench.process)
@@ -183,7 +202,10 @@ def hall(
         elif transport == "tcp":
             plc = f"port = {ready['plc_port']}"
         else:
-            plc = f'transport = "rtu"\nserial_port = "{ready["plc_link"]}"\nbaud = 115200\nparity = "N"'
+            plc = (
+                f'transport = "rtu"\nserial_port = "{ready["plc_link"]}"\nbaud = 115200\nparity '
+                '= "N"'
+            )
         survey = folder / "survey.toml"
         survey.write_text(
             SURVEY.format(
@@ -207,9 +229,11 @@ def hall(
 
 
 def go_first(process):
-    """Give a process that has begun, with all its threads, the priority it has beside a machine, where this user may.
+    """Give a process that has begun, with all its threads, the priority it has beside a machine,
+    where this user may.
 
-    Not before: what reads its libraries ahead of everybody holds up the workers of the kernel that bring bytes through the ptys of others.
+    Not before: what reads its libraries ahead of everybody holds up the workers of the kernel that
+    bring bytes through the ptys of others.
     """
     for thread in Path(f"/proc/{process.pid}/task").iterdir():
         with suppress(PermissionError, ProcessLookupError):
@@ -233,19 +257,31 @@ def daemon(survey, *, wait_for=("laser", "machine"), command=STEPDIAG):
         try:
             yield process
         except Exception as failure:
-            failure.add_note("\n".join(["the daemon said last:", *process.last, "status:", stepdiag("status", survey).out]))
+            failure.add_note(
+                "\n".join(
+                    [
+                        "the daemon said last:",
+                        *process.last,
+                        "status:",
+                        stepdiag("status", survey).out,
+                    ]
+                )
+            )
             raise
 
 
 def accept_all(survey):
     """Accept whatever is doubted of a survey (its file or folder) now."""
-    for place in dict.fromkeys(each["place"] for each in json.loads(stepdiag("status", survey, "--json").out)["doubts"]):
+    for place in dict.fromkeys(
+        each["place"] for each in json.loads(stepdiag("status", survey, "--json").out)["doubts"]
+    ):
         done = stepdiag("accept", survey, place, "--reason", "the test has looked at it")
         assert done.code == 0, done.refusal
 
 
 def until_complete(process, survey, *, timeout_s=500.0):
-    """Accept whatever keeps a survey (its file or folder) open, also what comes; return what was said up to its completion."""
+    """Accept whatever keeps a survey (its file or folder) open, also what comes; return what was
+    said up to its completion."""
     accept_all(survey)
     seen, end = [], time.monotonic() + timeout_s
     while time.monotonic() < end:
@@ -262,15 +298,23 @@ def until(talker, event, *, timeout_s=500.0, **fields):
     seen, end = [], time.monotonic() + timeout_s
     while time.monotonic() < end:
         seen.append(talker.next(SILENT_S, "process"))
-        if seen[-1].get("event") == event and all(seen[-1].get(key) == value for key, value in fields.items()):
+        if seen[-1].get("event") == event and all(
+            seen[-1].get(key) == value for key, value in fields.items()
+        ):
             return seen
     raise AssertionError(f"no {event} {fields} within {timeout_s} s; last: {seen[-3:]}")
 
 
 def order(port, token, body):
     """Send a command as the page does; return the status, 0 where nobody listens yet."""
-    headers = {"Authorization": f"Bearer {quote(token)}", "Content-Type": "application/json", "Origin": f"http://127.0.0.1:{port}"}
-    request = urllib.request.Request(f"http://127.0.0.1:{port}/command", json.dumps(body).encode(), headers)
+    headers = {
+        "Authorization": f"Bearer {quote(token)}",
+        "Content-Type": "application/json",
+        "Origin": f"http://127.0.0.1:{port}",
+    }
+    request = urllib.request.Request(
+        f"http://127.0.0.1:{port}/command", json.dumps(body).encode(), headers
+    )
     try:
         with urllib.request.urlopen(request, timeout=60.0) as answer:
             return answer.status

@@ -23,17 +23,24 @@ def prepared(folder):
     """Return the survey file of a finished survey in a folder."""
     finished_survey(folder / "bench")
     file = folder / "mill.toml"
-    file.write_text(SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', f'machine = "{MACHINE}"'))
+    file.write_text(
+        SURVEY[: SURVEY.index("[[export]]")].replace(
+            'machine = "virtual"', f'machine = "{MACHINE}"'
+        )
+    )
     return file
 
 
 @contextmanager
 def subtyped_values():
-    """Let asyncua's client read fields that let subtypes in: asyncua 2.1.0 marks them in an annotation, and drops it when it decodes."""
+    """Let asyncua's client read fields that let subtypes in: asyncua 2.1.0 marks them in an
+    annotation, and drops it when it decodes."""
     stripped = ua_binary.get_safe_type_hints
 
     def marked(cls, extra=None):
-        names = {name: value for name, value in cls.__dict__.items() if not isinstance(value, property)} | (extra or {})
+        names = {
+            name: value for name, value in cls.__dict__.items() if not isinstance(value, property)
+        } | (extra or {})
         return typing.get_type_hints(cls, localns=names, include_extras=True)
 
     ua_binary.get_safe_type_hints = marked
@@ -51,7 +58,17 @@ class Serving:
         self.folder = survey.parent
         self._log = survey.parent / f"opcua-{time.monotonic_ns()}.log"
         address = self.url.removeprefix("opc.tcp://").removesuffix("/stepdiag")
-        command = [sys.executable, *program, "publish", survey, "--opcua", address, "--every", "0.2", *options]
+        command = [
+            sys.executable,
+            *program,
+            "publish",
+            survey,
+            "--opcua",
+            address,
+            "--every",
+            "0.2",
+            *options,
+        ]
         with self._log.open("wb") as out:
             self.process = subprocess.Popen([*map(str, command)], stdout=out, stderr=out)
 

@@ -20,7 +20,8 @@ def descendants(pid: int) -> set[int]:
 
 
 def listening(pid: int) -> set[tuple[str, int]]:
-    """Return (protocol, port) of every port that a process or a descendant of it listens on; UDP: has bound."""
+    """Return (protocol, port) of every port that a process or a descendant of it listens on; UDP:
+    has bound."""
     inodes = set()
     for each in descendants(pid):
         try:
@@ -29,7 +30,12 @@ def listening(pid: int) -> set[tuple[str, int]]:
             continue
         inodes |= {link[8:-1] for link in links if link.startswith("socket:[")}
     found = set()
-    for protocol, state in (("tcp", LISTENS), ("tcp6", LISTENS), ("udp", UNCONNECTED), ("udp6", UNCONNECTED)):
+    for protocol, state in (
+        ("tcp", LISTENS),
+        ("tcp6", LISTENS),
+        ("udp", UNCONNECTED),
+        ("udp6", UNCONNECTED),
+    ):
         for line in Path(f"/proc/net/{protocol}").read_text().splitlines()[1:]:
             columns = line.split()
             if columns[3] == state and columns[9] in inodes:

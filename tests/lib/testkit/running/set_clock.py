@@ -1,6 +1,8 @@
-"""``python set_clock.py FILE run survey.toml``: stepdiag in a process whose time of day is off by the seconds in FILE.
+"""``python set_clock.py FILE run survey.toml``: stepdiag in a process whose time of day is off by
+the seconds in FILE.
 
-Everything else is as it is: the host's own clock, the sockets, the lines. Setting the machine's clock would hit everything that runs on it.
+Everything else is as it is: the host's own clock, the sockets, the lines. Setting the machine's
+clock would hit everything that runs on it.
 """
 
 import datetime as dt
@@ -26,7 +28,9 @@ class WrongTime(dt.datetime):
 
 time.time_ns = wrong_ns
 time.time = lambda: wrong_ns() * 1e-9
-time.clock_gettime_ns = lambda clock: wrong_ns() if clock == time.CLOCK_REALTIME else true_clock_ns(clock)
+time.clock_gettime_ns = lambda clock: (
+    wrong_ns() if clock == time.CLOCK_REALTIME else true_clock_ns(clock)
+)
 time.clock_gettime = lambda clock: time.clock_gettime_ns(clock) * 1e-9
 dt.datetime = WrongTime
 

@@ -1,4 +1,5 @@
-"""Peers on real loopback sockets and real ptys, for the links: they do only what a test tells them."""
+"""Peers on real loopback sockets and real ptys, for the links: they do only what a test tells
+them."""
 
 import os
 import select
@@ -40,7 +41,8 @@ class Pty:
 
 @contextmanager
 def running(work: Callable[[threading.Event], None]) -> Iterator[None]:
-    """Run ``work`` in a thread for as long as the block lasts; its argument is set when it should end."""
+    """Run ``work`` in a thread for as long as the block lasts; its argument is set when it should
+    end."""
     ended = threading.Event()
     thread = threading.Thread(target=work, args=(ended,))
     thread.start()
@@ -52,7 +54,8 @@ def running(work: Callable[[threading.Event], None]) -> Iterator[None]:
 
 
 def crc16_modbus(frame: bytes) -> bytes:
-    """Return the CRC of an RTU frame as on the wire (polynomial 0xA001, start 0xFFFF, low byte first)."""
+    """Return the CRC of an RTU frame as on the wire (polynomial 0xA001, start 0xFFFF, low byte
+    first)."""
     crc = 0xFFFF
     for byte in frame:
         crc ^= byte
@@ -63,7 +66,8 @@ def crc16_modbus(frame: bytes) -> bytes:
 
 @contextmanager
 def rtu_slave(pty: Pty, answer: Callable[[bytes], list[bytes]]) -> Iterator[None]:
-    """Serve read requests (8 bytes) on the pty one after the other; ``answer`` takes the PDU of each and returns those to send now."""
+    """Serve read requests (8 bytes) on the pty one after the other; ``answer`` takes the PDU of
+    each and returns those to send now."""
 
     def work(ended: threading.Event) -> None:
         buffer = b""
@@ -79,7 +83,8 @@ def rtu_slave(pty: Pty, answer: Callable[[bytes], list[bytes]]) -> Iterator[None
 
 
 class TcpServer:
-    """A Modbus TCP server on a loopback port that stays the same when it is stopped and started again."""
+    """A Modbus TCP server on a loopback port that stays the same when it is stopped and started
+    again."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
@@ -124,7 +129,9 @@ class TcpServer:
                     return
                 pdu = self._answer(request[7:])
                 if pdu is not None:
-                    connection.sendall(request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu)
+                    connection.sendall(
+                        request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu
+                    )
 
 
 def wait_until(true: Callable[[], bool], timeout_s: float = 60.0) -> None:

@@ -1,9 +1,11 @@
-"""Tests on real sockets, ptys and processes hold only where nothing stands still for longer than they can spare.
+"""Tests on real sockets, ptys and processes hold only where nothing stands still for longer than
+they can spare.
 
-What stands still is seldom a whole computer. A line does where every process goes on: what is written to a pty comes to its reader by a
-worker of the kernel, and a scheduler can leave that worker behind all others. On Linux 6.18 with a group for each session (sched(7),
-autogroup) bytes came up to 1.5 s late beside eight tests, while a process in front of all others was never late by 0.05 s; without the
-groups no byte was late by 0.05 s, and no test was tried again.
+What stands still is seldom a whole computer. A line does where every process goes on: what is
+written to a pty comes to its reader by a worker of the kernel, and a scheduler can leave that
+worker behind all others. On Linux 6.18 with a group for each session (sched(7), autogroup) bytes
+came up to 1.5 s late beside eight tests, while a process in front of all others was never late by
+0.05 s; without the groups no byte was late by 0.05 s, and no test was tried again.
 """
 
 import os
@@ -19,14 +21,16 @@ BEAT_S = 0.02
 SPARE_S = 0.25
 """What a patient machine can spare: a laser that nobody read for half a second is doubted."""
 IMPATIENT_SPARE_S = 0.03
-"""Of a machine that does not wait: a dwell of these tests lasts 0.6 s; with settling, window and polls a stop can be late by 0.1 s before
-it is another one. The virtual machine computes while this process only looks at the clock, and stands still three times as long on a
-computer that is shared."""
+"""Of a machine that does not wait: a dwell of these tests lasts 0.6 s; with settling, window and
+polls a stop can be late by 0.1 s before it is another one. The virtual machine computes while
+this process only looks at the clock, and stands still three times as long on a computer that is
+shared."""
 ATTEMPTS = 6
 
 
 class Standstill:
-    """How long a processor or a line has stood still at most, and all of them together, in s, while they were watched."""
+    """How long a processor or a line has stood still at most, and all of them together, in s, while
+    they were watched."""
 
     worst_s = 0.0
     total_s = 0.0
@@ -38,7 +42,8 @@ class Standstill:
 
 @contextmanager
 def watched():
-    """Watch how long each processor stands still, from a thread on each: daemon and virtual machine may be on another than this process.
+    """Watch how long each processor stands still, from a thread on each: daemon and virtual machine
+    may be on another than this process.
 
     And how long a byte takes through a pty.
     """
@@ -55,8 +60,15 @@ def watched():
             last = now
 
     with pty_line() as line:
-        threads = [threading.Thread(target=beat, args=(each,), name=f"standstill {each}") for each in os.sched_getaffinity(0)]
-        threads.append(threading.Thread(target=_through, args=(line, standstill, ended), name="standstill of a line"))
+        threads = [
+            threading.Thread(target=beat, args=(each,), name=f"standstill {each}")
+            for each in os.sched_getaffinity(0)
+        ]
+        threads.append(
+            threading.Thread(
+                target=_through, args=(line, standstill, ended), name="standstill of a line"
+            )
+        )
         for thread in threads:
             thread.start()
         try:
@@ -69,7 +81,8 @@ def watched():
 
 @contextmanager
 def pty_line():
-    """Open a pty, its two ends as descriptors: where an instrument writes, where its reader reads."""
+    """Open a pty, its two ends as descriptors: where an instrument writes, where its reader
+    reads."""
     ends = os.openpty()
     try:
         tty.setraw(ends[1])
@@ -90,10 +103,12 @@ def _through(line, standstill, ended):
 
 
 def run_steadily(item, nextitem):
-    """Run a test as pytest does, and again, with fixtures of its own, where it failed while something stood still.
+    """Run a test as pytest does, and again, with fixtures of its own, where it failed while
+    something stood still.
 
-    A stop lost to that is the product's to name, not a fault of it. A test that fails where everything went on, or fails every time, has
-    failed. How often it was tried again is in its record (`tools/slowest` prints it).
+    A stop lost to that is the product's to name, not a fault of it. A test that fails where
+    everything went on, or fails every time, has failed. How often it was tried again is in its
+    record (`tools/slowest` prints it).
     """
     spare_s = IMPATIENT_SPARE_S if item.get_closest_marker("impatient") else SPARE_S
     again = []
@@ -103,7 +118,9 @@ def run_steadily(item, nextitem):
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         if attempt == ATTEMPTS or standstill.worst_s < spare_s or not _missed(reports):
             break
-        again.append(f"attempt {attempt}: something stood still for {standstill.worst_s:.2f} s; once more")
+        again.append(
+            f"attempt {attempt}: something stood still for {standstill.worst_s:.2f} s; once more"
+        )
     for report in reports:
         if again:
             report.sections.append(("Captured stdout call", "\n".join(again)))
@@ -113,5 +130,9 @@ def run_steadily(item, nextitem):
 
 
 def _missed(reports):
-    """Return whether the test itself failed, and not for want of time: its limit is that of all attempts together."""
-    return any(report.when == "call" and report.failed and "Timeout (>" not in report.longreprtext for report in reports)
+    """Return whether the test itself failed, and not for want of time: its limit is that of all
+    attempts together."""
+    return any(
+        report.when == "call" and report.failed and "Timeout (>" not in report.longreprtext
+        for report in reports
+    )

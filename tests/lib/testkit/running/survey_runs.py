@@ -11,12 +11,18 @@ from testkit.running.hall import daemon, until
 
 
 def until_told(place, names, *, since_s=0.0):
-    """Wait until the daemon knows these conditions: a machine that stands at its first stop before has air that nobody told.
+    """Wait until the daemon knows these conditions: a machine that stands at its first stop before
+    has air that nobody told.
 
-    ``since_s`` is when it was started, since 1970: what one that was killed before it left behind counts for ten seconds.
+    ``since_s`` is when it was started, since 1970: what one that was killed before it left behind
+    counts for ten seconds.
     """
     end = time.monotonic() + 60.0
-    while (live := live_in(place.folder / "hall")) is None or live.time_s < since_s or not set(names) <= set(live.conditions):
+    while (
+        (live := live_in(place.folder / "hall")) is None
+        or live.time_s < since_s
+        or not set(names) <= set(live.conditions)
+    ):
         assert time.monotonic() < end, live
         time.sleep(0.05)
 
@@ -33,7 +39,8 @@ def drive_one_and_kill(place, *, links=("laser", "machine"), told=()):
 
 
 def drive_and_replay(place, told=()):
-    """Drive every setup of the hall, wait for the result, replay the logs to the same bytes; return what the daemon said.
+    """Drive every setup of the hall, wait for the result, replay the logs to the same bytes; return
+    what the daemon said.
 
     ``told`` names the conditions that have to be known first.
     """

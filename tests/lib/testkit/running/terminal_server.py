@@ -1,4 +1,5 @@
-"""A terminal server: a pty held out on a TCP port, as plain bytes or by RFC 2217 with the library's own server side of it."""
+"""A terminal server: a pty held out on a TCP port, as plain bytes or by RFC 2217 with the library's
+own server side of it."""
 
 import logging
 import os
@@ -26,7 +27,9 @@ class PtyPort(serial.Serial):
 
 
 @contextmanager
-def terminal_server(path: str, scheme: Literal["socket", "rfc2217"], port: int = 0) -> Iterator[str]:
+def terminal_server(
+    path: str, scheme: Literal["socket", "rfc2217"], port: int = 0
+) -> Iterator[str]:
     """Hold the port out while the block lasts; yield how a survey file names it."""
     with socket.create_server(("127.0.0.1", port)) as listener:
         listener.settimeout(0.05)
@@ -65,7 +68,9 @@ def _manager(port: serial.Serial, guest: socket.socket) -> PortManager:
     return PortManager(port, Wire(), logging.getLogger("terminal server"))
 
 
-def _carry(guest: socket.socket, port: serial.Serial, manager: PortManager | None, ended: threading.Event) -> None:
+def _carry(
+    guest: socket.socket, port: serial.Serial, manager: PortManager | None, ended: threading.Event
+) -> None:
     while not ended.is_set():
         ready, _, _ = select.select([guest, port.fileno()], [], [], 0.05)
         if guest in ready:

@@ -79,7 +79,9 @@ def test_edlen_gives_the_first_row_of_the_nist_table():
     assert edlen_index(air(humidity_percent=0.0), 633.0) == pytest.approx(1.000271799, abs=5e-10)
 
 
-@pytest.mark.parametrize(("humidity_percent", "published_nm"), [(0.0, 632.827997), (50.0, 632.828268)])
+@pytest.mark.parametrize(
+    ("humidity_percent", "published_nm"), [(0.0, 632.827997), (50.0, 632.828268)]
+)
 def test_air_wavelength_gives_the_nist_values(humidity_percent, published_nm):
     """NIST page, 633 nm at 20 C and 101.325 kPa, six decimals of a nanometre."""
     state = air(humidity_percent=humidity_percent)
@@ -102,26 +104,42 @@ def hp_5528a_index(state):
 @given(st.floats(0, 40), st.floats(900, 1100), st.floats(0, 100))
 def test_two_equations_agree_in_a_machine_hall(temperature_c, pressure_hpa, humidity_percent):
     """Measured over 0-40 C, 90-110 kPa: Edlen and Ciddor within 2.3e-8."""
-    state = Air(temperature_c=temperature_c, pressure_hpa=pressure_hpa, humidity_percent=humidity_percent)
-    assert abs(refractive_index(state, 633.0, "edlen") - refractive_index(state, 633.0, "ciddor")) < 2.5e-8
+    state = Air(
+        temperature_c=temperature_c, pressure_hpa=pressure_hpa, humidity_percent=humidity_percent
+    )
+    assert (
+        abs(refractive_index(state, 633.0, "edlen") - refractive_index(state, 633.0, "ciddor"))
+        < 2.5e-8
+    )
 
 
 @given(st.floats(15, 25), st.floats(950, 1050), st.floats(0, 60))
-def test_edlen_agrees_with_the_formula_built_into_an_hp_5528a(temperature_c, pressure_hpa, humidity_percent):
-    """Stated to 0.1 ppm; its term for water vapour is the older one, so the two part in hot and damp air."""
-    state = Air(temperature_c=temperature_c, pressure_hpa=pressure_hpa, humidity_percent=humidity_percent)
+def test_edlen_agrees_with_the_formula_built_into_an_hp_5528a(
+    temperature_c, pressure_hpa, humidity_percent
+):
+    """Stated to 0.1 ppm; its term for water vapour is the older one, so the two part in hot and
+    damp air."""
+    state = Air(
+        temperature_c=temperature_c, pressure_hpa=pressure_hpa, humidity_percent=humidity_percent
+    )
     assert abs(edlen_index(state, 632.991) - hp_5528a_index(state)) < 1.1e-7
 
 
 @given(st.floats(-500, 3000), st.floats(15, 30), st.floats(0, 2000))
-def test_displacement_is_recovered_whatever_the_air_and_the_dead_path(truth_mm, temperature_c, dead_path_mm):
+def test_displacement_is_recovered_whatever_the_air_and_the_dead_path(
+    truth_mm, temperature_c, dead_path_mm
+):
     """Forward model: a counter that knows nothing of air reads n (D + L) - n0 D."""
     n0 = float(edlen_index(air(), 632.991))
     n = float(edlen_index(air(temperature_c=temperature_c), 632.991))
     vacuum_mm = n * (dead_path_mm + truth_mm) - n0 * dead_path_mm
     plain = {"zero_index": n0, "dead_path_mm": dead_path_mm}
-    assert displacement_mm([vacuum_mm], [n], done=Done.NOTHING, **plain)[0] == pytest.approx(truth_mm, abs=1e-9)
-    assert displacement_mm([vacuum_mm / n], [n], done=Done.WAVELENGTH, **plain)[0] == pytest.approx(truth_mm, abs=1e-9)
+    assert displacement_mm([vacuum_mm], [n], done=Done.NOTHING, **plain)[0] == pytest.approx(
+        truth_mm, abs=1e-9
+    )
+    assert displacement_mm([vacuum_mm / n], [n], done=Done.WAVELENGTH, **plain)[0] == pytest.approx(
+        truth_mm, abs=1e-9
+    )
     everything = Done.WAVELENGTH | Done.DEAD_PATH
     assert displacement_mm([truth_mm], [n], done=everything, **plain)[0] == truth_mm
 
@@ -133,22 +151,32 @@ def test_factor_is_one_when_the_instrument_has_done_it():
 
 
 def test_every_stop_gets_the_air_of_its_time():
-    """A degree over the pass is 0.955 ppm: the stop half-way gets half of it, 0.48 µm on a metre of dead path."""
+    """A degree over the pass is 0.955 ppm: the stop half-way gets half of it, 0.48 µm on a metre of
+    dead path."""
     index = edlen_index(air(temperature_c=[20.0, 20.5, 21.0]), 633.0)
     assert np.diff(index) * 1e6 == pytest.approx([-0.4775, -0.4775], abs=3e-3)
-    standing = displacement_mm([0.0, 0.0, 0.0], index, zero_index=float(index[0]), dead_path_mm=1000.0, done=Done.NOTHING)
+    standing = displacement_mm(
+        [0.0, 0.0, 0.0], index, zero_index=float(index[0]), dead_path_mm=1000.0, done=Done.NOTHING
+    )
     assert standing * 1e3 == pytest.approx([0.0, 0.4775, 0.955], abs=6e-3)
 
 
 def test_index_uncertainty_combines_the_sensitivities():
-    """At 633 nm: -0.955 ppm/C, +0.268 ppm/hPa, -0.0085 ppm/% (measured on the published equation)."""
-    u = index_u(air(), 633.0, AirUncertainty(temperature_c=0.1, pressure_hpa=0.2, humidity_percent=5.0))
+    """At 633 nm: -0.955 ppm/C, +0.268 ppm/hPa, -0.0085 ppm/% (measured on the published
+    equation)."""
+    u = index_u(
+        air(), 633.0, AirUncertainty(temperature_c=0.1, pressure_hpa=0.2, humidity_percent=5.0)
+    )
     parts = np.array([0.1 * 0.955, 0.2 * 0.268, 5.0 * 0.0085, 0.01])
     assert u * 1e6 == pytest.approx(np.sqrt(np.sum(parts**2)), rel=5e-3)
 
 
 def test_index_uncertainty_at_the_end_of_the_humidity_scale_is_finite():
-    u = index_u(air(humidity_percent=100.0), 633.0, AirUncertainty(temperature_c=0.0, pressure_hpa=0.0, humidity_percent=10.0))
+    u = index_u(
+        air(humidity_percent=100.0),
+        633.0,
+        AirUncertainty(temperature_c=0.0, pressure_hpa=0.0, humidity_percent=10.0),
+    )
     assert u * 1e6 == pytest.approx(0.086, abs=0.002)
 
 

@@ -38,7 +38,9 @@ def tables(draw):
     ]
     count = len(stops)
     column = st.lists(numbers, min_size=count, max_size=count)
-    sparse = st.lists(st.one_of(st.just(float("nan")), numbers.map(abs)), min_size=count, max_size=count)
+    sparse = st.lists(
+        st.one_of(st.just(float("nan")), numbers.map(abs)), min_size=count, max_size=count
+    )
     return make_readings(
         setup=[name for name, _, _ in stops],
         pass_number=[number for _, number, _ in stops],
@@ -48,7 +50,11 @@ def tables(draw):
         u_um=draw(sparse),
         temperature_c=draw(sparse),
         time_s=draw(sparse),
-        beam_mm=np.where(np.array(draw(sparse))[:, None] > 1, np.column_stack([draw(column) for _ in range(3)]), np.nan),
+        beam_mm=np.where(
+            np.array(draw(sparse))[:, None] > 1,
+            np.column_stack([draw(column) for _ in range(3)]),
+            np.nan,
+        ),
     )
 
 
@@ -63,7 +69,12 @@ def test_rendering_and_parsing_are_inverse_and_byte_stable_in_any_order_of_rows(
 
 
 @pytest.mark.parametrize(
-    "disguise", [lambda text: "\ufeff" + text, lambda text: text.replace("\n", "\r\n"), lambda text: "# made by hand\n\n" + text + "\n\n"]
+    "disguise",
+    [
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: "# made by hand\n\n" + text + "\n\n",
+    ],
 )
 def test_marks_of_other_programs_do_not_matter(disguise):
     assert render_readings(parse_readings(disguise(GOOD))) == GOOD
@@ -78,14 +89,26 @@ def test_marks_of_other_programs_do_not_matter(disguise):
         (GOOD.replace("reading_mm", "reading_um"), "no column reading_mm"),
         (GOOD.replace("pass,", "setup,"), "'setup' twice"),
         (GOOD.replace("10.001", "10,001"), "line 3: expected 7 fields, found 8; a decimal comma"),
-        (GOOD.replace("10.001", '"10,001"'), "reading_mm: expected a finite number, found '10,001'; write decimals with a point"),
+        (
+            GOOD.replace("10.001", '"10,001"'),
+            "reading_mm: expected a finite number, found '10,001'; write decimals with a point",
+        ),
         (GOOD.replace("10.001", "nan"), "line 3: reading_mm: expected a finite number"),
         (GOOD.replace("10.001", "inf"), "line 3: reading_mm: expected a finite number"),
         (GOOD.replace(",10.001", ""), "line 3: expected 7 fields, found 6; the row was cut off"),
-        (GOOD.replace("x,1,2", "x,1,4"), "setup linear-x, pass 1: expected at most one stop in 10 missing within a pass, found 2 of 5"),
+        (
+            GOOD.replace("x,1,2", "x,1,4"),
+            (
+                "setup linear-x, pass 1: expected at most one stop in 10 missing within a pass, "
+                "found 2 of 5"
+            ),
+        ),
         (GOOD.replace("x,1,2", "x,1,99999999"), "stops missing, the first is stop 2"),
         (GOOD.replace("x,1,0", "x,1,3"), "setup linear-x, pass 1: expected stop 0, found stop 1"),
-        (GOOD.replace("x,1,2", "x,1,1"), "setup linear-x, pass 1: expected stop 1 once, found it twice"),
+        (
+            GOOD.replace("x,1,2", "x,1,1"),
+            "setup linear-x, pass 1: expected stop 1 once, found it twice",
+        ),
         (GOOD.replace("x,1,2", "x,1,-2"), "line 4: stop: expected a whole number from 0 up"),
         (GOOD.replace("x,1,2", "x,0,2"), "line 4: pass: expected a whole number from 1 up"),
         (GOOD.replace("linear-x,1,2", "linearx,1,2"), "line 4: setup: expected one of"),
@@ -105,7 +128,10 @@ def test_a_negative_uncertainty_and_half_a_beam_are_refused():
     with pytest.raises(DataError, match=r"line 2: u_um: expected a finite number from 0 up"):
         parse_readings("setup,stop,x_mm,y_mm,z_mm,reading_mm,u_um\nppp,0,0,0,0,0,-1\n")
     with pytest.raises(DataError, match=r"line 2: beam: expected all of"):
-        parse_readings("setup,stop,x_mm,y_mm,z_mm,reading_mm,beam_x_mm,beam_y_mm,beam_z_mm\nppp,0,0,0,0,0,1,,1\n")
+        parse_readings(
+            "setup,stop,x_mm,y_mm,z_mm,reading_mm,beam_x_mm,beam_y_mm,beam_z_mm\nppp,0,0,0,0,0,1,"
+            ",1\n"
+        )
 
 
 @given(st.text(alphabet='setup,pasx_ymzrdigl0123456789.;-#"\n\r\t\ufeff', max_size=200))
@@ -119,4 +145,7 @@ def test_any_text_is_a_table_or_one_kind_of_refusal(text):
 
 def test_columns_that_hold_nothing_are_not_written():
     readings = Bench(states_u=False).survey(["linear-x"])
-    assert render_readings(readings).splitlines()[0] == HEADER.strip() + ",time_s,beam_x_mm,beam_y_mm,beam_z_mm"
+    assert (
+        render_readings(readings).splitlines()[0]
+        == HEADER.strip() + ",time_s,beam_x_mm,beam_y_mm,beam_z_mm"
+    )

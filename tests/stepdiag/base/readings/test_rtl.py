@@ -1,4 +1,5 @@
-"""Renishaw .rtl by its public description (docs/lasers.md): tolerant in order and white space, strict in counts."""
+"""Renishaw .rtl by its public description (docs/lasers.md): tolerant in order and white space,
+strict in counts."""
 
 import numpy as np
 import pytest
@@ -43,7 +44,13 @@ EOF::
 
 def diagonals():
     """Two corners of a volume of 300 x 200 x 100, as any survey has them."""
-    return make_readings(setup=["ppp", "ppp"], pass_number=[1, 1], stop=[0, 1], position_mm=[[0, 0, 0], [300, 200, 100]], reading_mm=[0, 1])
+    return make_readings(
+        setup=["ppp", "ppp"],
+        pass_number=[1, 1],
+        stop=[0, 1],
+        position_mm=[[0, 0, 0], [300, 200, 100]],
+        reading_mm=[0, 1],
+    )
 
 
 def test_a_file_of_two_runs_is_read_with_its_targets_deviations_and_axis():
@@ -57,8 +64,13 @@ def test_a_file_of_two_runs_is_read_with_its_targets_deviations_and_axis():
 
 def test_order_and_white_space_do_not_matter():
     blocks = FILE.split("RUNS::\n")
-    turned = "RUNS::\n" + blocks[1].split("EQUIPMENT::")[0].replace(" ", "\t  ") + blocks[0] + "EOF::\n"
-    assert np.array_equal(parse_rtl(turned.replace("\n", "\r\n"), "x.rtl").deviations_um, parse_rtl(FILE, "x.rtl").deviations_um)
+    turned = (
+        "RUNS::\n" + blocks[1].split("EQUIPMENT::")[0].replace(" ", "\t  ") + blocks[0] + "EOF::\n"
+    )
+    assert np.array_equal(
+        parse_rtl(turned.replace("\n", "\r\n"), "x.rtl").deviations_um,
+        parse_rtl(FILE, "x.rtl").deviations_um,
+    )
 
 
 def test_runs_join_a_survey_as_passes_out_and_back():
@@ -106,7 +118,9 @@ def test_what_has_no_place_is_refused():
     with pytest.raises(UsageError, match="axis 'X'"):
         rtl_readings(file, "linear-y", (0, 0, 0), "x.rtl")
     with pytest.raises(UsageError, match="name it: linear-x"):
-        rtl_readings(parse_rtl(FILE.replace("Axis : X", "Axis : C"), "x.rtl"), "", (0, 0, 0), "x.rtl")
+        rtl_readings(
+            parse_rtl(FILE.replace("Axis : X", "Axis : C"), "x.rtl"), "", (0, 0, 0), "x.rtl"
+        )
     rows, setup = rtl_readings(file, "", (0.0, 500.0, 0.0), "x.rtl")
     with pytest.raises(UsageError, match="state the place of the line"):
         with_runs(diagonals(), [(setup, rows)], "readings.csv")
@@ -128,7 +142,9 @@ def test_what_is_written_is_read_again(targets, runs, deviations):
         order = at if run % 2 == 0 else at[::-1]
         for stop, target in enumerate(order):
             off = deviations[run * 9 + at.index(target)] * 1e-3
-            for name, value in zip(columns, ("linear-y", run + 1, stop, [1.0, target, 2.0], target + off), strict=True):
+            for name, value in zip(
+                columns, ("linear-y", run + 1, stop, [1.0, target, 2.0], target + off), strict=True
+            ):
                 columns[name].append(value)
     readings = make_readings(**columns)
     file = parse_rtl(render_rtl(readings, "linear-y", {"Machine": "a\nb"}), "y.rtl")

@@ -1,4 +1,5 @@
-"""Targets of reported positions: one rounding for nodes, targets of a run's own, and the edges of the box."""
+"""Targets of reported positions: one rounding for nodes, targets of a run's own, and the edges of
+the box."""
 
 import numpy as np
 import pytest
@@ -18,7 +19,11 @@ VOLUME = Volume(origin_mm=(-100.0, 0.0, 20.0), size_mm=(500.0, 400.0, 300.0), in
 @given(st.integers(1, 40), st.floats(1.0, 4000.0), st.integers(0, 1000))
 @few(40)
 def test_a_stop_within_the_tolerance_gets_its_node(increments, length_mm, seed):
-    volume = Volume(origin_mm=(-7.0, 0.0, 0.0), size_mm=(length_mm, length_mm / 2, length_mm / 3), increments=increments)
+    volume = Volume(
+        origin_mm=(-7.0, 0.0, 0.0),
+        size_mm=(length_mm, length_mm / 2, length_mm / 3),
+        increments=increments,
+    )
     draw = np.random.default_rng(seed)
     node = draw.integers(0, increments + 1, (30, 3))
     target = np.array(volume.origin_mm) + volume.step_mm * node
@@ -39,16 +44,22 @@ def test_targets_of_a_run_are_one_target_each_and_what_is_snapped_stays():
 def test_targets_closer_together_than_the_tolerance_stay_apart_where_a_run_has_them():
     """The pitch of a screw is looked at in steps of 0.2 mm: the tolerance is a quarter of that."""
     targets = {"linear-x": (*np.round(np.arange(0.0, 4.01, 0.2), 1).tolist(), 500.0)}
-    survey = Beside(bench=Bench(increments=2), passes=(1, 2), stands=scattered(5.0, 1), targets_mm=targets)
+    survey = Beside(
+        bench=Bench(increments=2), passes=(1, 2), stands=scattered(5.0, 1), targets_mm=targets
+    )
     layout = lay_out(survey.readings())
-    along = layout.position_mm[np.array([setup.name for setup in layout.setups])[layout.setup_index] == "linear-x", 0]
+    along = layout.position_mm[
+        np.array([setup.name for setup in layout.setups])[layout.setup_index] == "linear-x", 0
+    ]
     assert np.unique(along) == pytest.approx(np.array(targets["linear-x"]), abs=0.005)
 
 
 def test_an_axis_without_travel_has_one_target():
     flat = Volume(origin_mm=(0.0, 5.0, 0.0), size_mm=(500.0, 0.0, 0.0), increments=5)
     points = np.array([[100.0, 5.04, -0.03], [200.003, 4.95, 0.0]])
-    assert snapped_mm(flat, points) == pytest.approx(np.array([[100.0, 5.0, 0.0], [200.0, 5.0, 0.0]]))
+    assert snapped_mm(flat, points) == pytest.approx(
+        np.array([[100.0, 5.0, 0.0], [200.0, 5.0, 0.0]])
+    )
 
 
 def test_a_head_shares_the_targets_of_the_laser():
@@ -76,7 +87,8 @@ def test_edges_have_few_decimals_where_such_are_near(low, high, stated):
 @given(st.integers(1, 20), st.integers(0, 1000))
 @few(30)
 def test_edges_of_stops_that_scatter(increments, seed):
-    """Within a tenth of a millimetre each: a whole number of millimetres is found again, anything else within the scatter."""
+    """Within a tenth of a millimetre each: a whole number of millimetres is found again, anything
+    else within the scatter."""
     draw = np.random.default_rng(seed)
     share = np.tile(np.arange(increments + 1) / increments, 8)
     for high in (400.0, 400.37):
@@ -92,7 +104,9 @@ def test_positions_of_no_equal_steps_give_their_extremes():
 
 
 def test_moves_are_numbered_by_axis_and_a_standing_axis_has_none():
-    position = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    position = np.array(
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+    )
     passes = np.array([0, 0, 0, 1, 1])
     came = arrivals(position, passes, np.zeros(5, dtype=bool))
     assert np.all(came[:, 2] == -1)

@@ -21,12 +21,25 @@ def test_the_json_is_what_the_contract_says():
     document = json.loads(TEXT)
     assert document["format"] == "stepdiag-result"
     assert document["version"] == 3
-    assert document["volume"] == {"origin_mm": [0.0, 0.0, 0.0], "size_mm": [500.0, 400.0, 300.0], "increments": 10}
+    assert document["volume"] == {
+        "origin_mm": [0.0, 0.0, 0.0],
+        "size_mm": [500.0, 400.0, 300.0],
+        "increments": 10,
+    }
     assert document["errors"]["EXX"].keys() >= {"position_mm", "value", "u", "unit"}
     assert document["squareness"]["C0Y"].keys() == {"value", "u", "u_readings", "unit"}
-    assert document["scale"]["X"] == {"value": None, "u": None, "u_readings": None, "unit": "um/m", "identified": False}
+    assert document["scale"]["X"] == {
+        "value": None,
+        "u": None,
+        "u_readings": None,
+        "unit": "um/m",
+        "identified": False,
+    }
     assert document["errors"]["EXX"]["slope_identified"] is False
-    assert all(finding.keys() - {"key"} == {"code", "severity", "action", "arguments", "text"} for finding in document["findings"])
+    assert all(
+        finding.keys() - {"key"} == {"code", "severity", "action", "arguments", "text"}
+        for finding in document["findings"]
+    )
     assert TEXT.endswith("}\n")
     assert "\r" not in TEXT
 
@@ -35,13 +48,20 @@ def test_reading_back_gives_the_same_bytes_and_values():
     again = parse_result(TEXT)
     assert again.to_json() == TEXT
     assert np.allclose(again.errors["EYZ"].value, RESULT.errors["EYZ"].value, atol=1e-6)
-    assert [replace(one, message=None) for one in again.findings] == [replace(one, message=None) for one in RESULT.findings]
-    assert [rendered(one.words, "en") for one in again.findings] == [one.text for one in RESULT.findings], "figures as they are written"
-    assert [getattr(again, name) is None for name in MEMBERS] == [getattr(RESULT, name) is None for name in MEMBERS]
+    assert [replace(one, message=None) for one in again.findings] == [
+        replace(one, message=None) for one in RESULT.findings
+    ]
+    assert [rendered(one.words, "en") for one in again.findings] == [
+        one.text for one in RESULT.findings
+    ], "figures as they are written"
+    assert [getattr(again, name) is None for name in MEMBERS] == [
+        getattr(RESULT, name) is None for name in MEMBERS
+    ]
 
 
 def test_u_is_the_combined_one_and_what_is_predicted_is_an_interval():
-    """Contract 4, version 2: u_readings stands beside u; before and after, as it is and without rigid motion."""
+    """Contract 4, version 2: u_readings stands beside u; before and after, as it is and without
+    rigid motion."""
     document = json.loads(TEXT)
     for number in document["squareness"].values():
         assert 0 < number["u_readings"] < number["u"]
@@ -94,7 +114,16 @@ EMPTY = {"unit": "um", "slope_identified": True, "u_readings": None}
 
 def test_a_function_may_have_two_positions_and_any_distance_between_them():
     read = parse_result(
-        changed(["errors", "EXY"], EMPTY | {"position_mm": [3.0, 3.25], "value": [1.0, -2.0], "u": [0.5, 0.5], "u_readings": None})
+        changed(
+            ["errors", "EXY"],
+            EMPTY
+            | {
+                "position_mm": [3.0, 3.25],
+                "value": [1.0, -2.0],
+                "u": [0.5, 0.5],
+                "u_readings": None,
+            },
+        )
     )
     assert read.errors["EXY"].position_mm.tolist() == [3.0, 3.25]
     assert read.errors["EXY"].value.tolist() == [1.0, -2.0]
@@ -102,7 +131,9 @@ def test_a_function_may_have_two_positions_and_any_distance_between_them():
 
 @pytest.mark.parametrize("increments", [1, 500])
 def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increments):
-    assert parse_result(changed(["volume", "increments"], increments)).volume.increments == increments
+    assert (
+        parse_result(changed(["volume", "increments"], increments)).volume.increments == increments
+    )
 
 
 @pytest.mark.parametrize(
@@ -115,22 +146,55 @@ def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increment
         (changed(["version"], 4), "version: expected 1, 2 or 3, found 4"),
         (changed(["version"], True), "version: expected 1, 2 or 3, found true"),
         (changed(["chain"], "XYZ"), "chain: expected X, Y, Z and the bed once each"),
-        (changed(["volume", "size_mm"], [1, 2]), "volume.size_mm: expected three numbers, 0 for an axis without travel"),
-        (changed(["volume", "size_mm"], [1, 2, -1]), "volume.size_mm: expected three numbers, 0 for an axis without travel"),
-        (changed(["volume", "increments"], 2.5), "volume.increments: expected a whole number from 1 to 500"),
+        (
+            changed(["volume", "size_mm"], [1, 2]),
+            "volume.size_mm: expected three numbers, 0 for an axis without travel",
+        ),
+        (
+            changed(["volume", "size_mm"], [1, 2, -1]),
+            "volume.size_mm: expected three numbers, 0 for an axis without travel",
+        ),
+        (
+            changed(["volume", "increments"], 2.5),
+            "volume.increments: expected a whole number from 1 to 500",
+        ),
         (changed(["errors", "EXY"], None), "errors.EXY: expected this entry, found nothing"),
         (changed(["errors", "EXQ"], {}), "errors.EXQ: expected a function named"),
         (changed(["errors", "EXY", "unit"], "mm"), "errors.EXY.unit: expected 'um'"),
         (changed(["errors", "EXY", "value"], [1.0]), "errors.EXY.value: expected 11 numbers"),
-        (changed(["errors", "EXY", "value", 3], "a"), r"errors.EXY.value\[3\]: expected a finite number"),
-        (changed(["errors", "EXY", "position_mm", 3], 0.0), "errors.EXY.position_mm: expected at least two ascending positions"),
-        (changed(["errors", "EXY", "position_mm", 3], 80.0), "errors.EXY.position_mm: expected at least two ascending positions"),
-        (changed(["errors", "EXY"], EMPTY | {"position_mm": [3.0], "value": [1.0], "u": [1.0]}), "at least two ascending positions"),
-        (changed(["volume", "increments"], 0), "volume.increments: expected a whole number from 1 to 500"),
-        (changed(["volume", "increments"], 501), "volume.increments: expected a whole number from 1 to 500"),
-        (changed(["scale", "X", "identified"], True), "scale.X: expected a value exactly where identified is true"),
+        (
+            changed(["errors", "EXY", "value", 3], "a"),
+            r"errors.EXY.value\[3\]: expected a finite number",
+        ),
+        (
+            changed(["errors", "EXY", "position_mm", 3], 0.0),
+            "errors.EXY.position_mm: expected at least two ascending positions",
+        ),
+        (
+            changed(["errors", "EXY", "position_mm", 3], 80.0),
+            "errors.EXY.position_mm: expected at least two ascending positions",
+        ),
+        (
+            changed(["errors", "EXY"], EMPTY | {"position_mm": [3.0], "value": [1.0], "u": [1.0]}),
+            "at least two ascending positions",
+        ),
+        (
+            changed(["volume", "increments"], 0),
+            "volume.increments: expected a whole number from 1 to 500",
+        ),
+        (
+            changed(["volume", "increments"], 501),
+            "volume.increments: expected a whole number from 1 to 500",
+        ),
+        (
+            changed(["scale", "X", "identified"], True),
+            "scale.X: expected a value exactly where identified is true",
+        ),
         (changed(["squareness", "B0Z"], None), "squareness.B0Z: expected this entry"),
-        (changed(["findings", 0, "severity"], "bad"), r"findings\[0\].severity: expected info, warning or error"),
+        (
+            changed(["findings", 0, "severity"], "bad"),
+            r"findings\[0\].severity: expected info, warning or error",
+        ),
         (TEXT.replace("500.0", "NaN", 1), "expected a finite number"),
     ],
 )

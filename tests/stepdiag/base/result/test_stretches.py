@@ -1,4 +1,5 @@
-"""Tables that help on the whole and harm on a stretch of one axis: the stretch is named, and no other."""
+"""Tables that help on the whole and harm on a stretch of one axis: the stretch is named, and no
+other."""
 
 import numpy as np
 import pytest
@@ -12,7 +13,11 @@ from stepdiag.solver.methods.solve import solve
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 
-@pytest.fixture(scope="module", params=[(*DIAGONALS, *LINEAR), DIAGONALS], ids=["with linear runs", "diagonals alone"])
+@pytest.fixture(
+    scope="module",
+    params=[(*DIAGONALS, *LINEAR), DIAGONALS],
+    ids=["with linear runs", "diagonals alone"],
+)
 def result(request):
     return solve(Bench(seed=3, angle_urad=10.0).survey(request.param))
 
@@ -23,12 +28,15 @@ def test_tables_of_what_was_found_harm_nowhere(result):
 
 
 def test_slab_by_slab_is_the_figure_of_the_volume_divided(result, monkeypatch):
-    """All points together are the volume: of the same draws comes the same interval, before and after."""
+    """All points together are the volume: of the same draws comes the same interval, before and
+    after."""
     monkeypatch.setattr(prediction, "DRAWS", prediction.FOR_LARGEST)
     points = anywhere_mm(result.volume)
     correction = -error_field_um(result, points)
     whole = prediction.predicted(result, points, correction).without_rigid_motion
-    for when, square_um2 in zip(("before", "after"), prediction.squares_um2(result, points, correction), strict=True):
+    for when, square_um2 in zip(
+        ("before", "after"), prediction.squares_um2(result, points, correction), strict=True
+    ):
         divided = prediction.interval_of(np.sqrt(np.mean(square_um2, axis=1)), known=True)
         assert ends_of(divided) == pytest.approx(ends_of(whole[when].rms_um), rel=1e-9)
 
@@ -54,7 +62,9 @@ def test_a_stretch_in_which_the_sign_is_turned_is_named_and_no_other(result, axi
     ("high_before", "high_after", "worse"),
     [(4.0, 6.0, True), (6.0, 6.0, False), (8.0, 6.0, False), (None, 6.0, True), (4.0, None, True)],
 )
-def test_a_stretch_is_worse_only_where_it_reaches_further_than_before(high_before, high_after, worse):
+def test_a_stretch_is_worse_only_where_it_reaches_further_than_before(
+    high_before, high_after, worse
+):
     before = Interval(value_um=2.0, low_um=1.0, high_um=high_before)
     assert _worse(before, Interval(value_um=5.0, low_um=4.0, high_um=high_after)) is worse
     assert not _worse(before, Interval(value_um=2.0, low_um=1.0, high_um=high_after))

@@ -1,4 +1,5 @@
-"""The rooms of daq/capture, played from an input as it stands in a reference file: no clock, no port, every time an argument."""
+"""The rooms of daq/capture, played from an input as it stands in a reference file: no clock, no
+port, every time an argument."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,5 @@
-"""Whole logs into a capture, played from reference files: a machine and a laser of the four basic operations."""
+"""Whole logs into a capture, played from reference files: a machine and a laser of the four basic
+operations."""
 
 import struct
 from binascii import crc_hqx
@@ -27,7 +28,8 @@ from testkit.timeline import BLOCK, Standstill, Timeline, arrival
 
 @dataclass
 class Machine(Timeline):
-    """A timeline whose PLC and streams have what machines in halls have. Of the timeline: its schedule and its registers."""
+    """A timeline whose PLC and streams have what machines in halls have. Of the timeline: its
+    schedule and its registers."""
 
     late_s: dict[str, float] = field(default_factory=dict)
     """By how much registers lag behind the stop signal: ``position``, ``count``, ``stopped``."""
@@ -58,17 +60,30 @@ class Machine(Timeline):
     """(from, to, mm): the machine is elsewhere, as the laser sees it."""
 
     def columns(self) -> Any:
-        """Return times in s, readings in mm, strength of the beam: ramps between the stops, at each a swing that dies away."""
+        """Return times in s, readings in mm, strength of the beam: ramps between the stops, at each
+        a swing that dies away."""
         t = np.arange(int(self.duration * self.rate_hz)) / self.rate_hz
         times = self.schedule()
-        value = np.interp(t, [0.0, *np.ravel(times)], [self.stops[0].reading, *np.repeat([stop.reading for stop in self.stops], 2)])
+        value = np.interp(
+            t,
+            [0.0, *np.ravel(times)],
+            [self.stops[0].reading, *np.repeat([stop.reading for stop in self.stops], 2)],
+        )
         for begin, end in times:
             x = np.maximum(t - begin, 0.0) / 0.03
-            value += np.where((t >= begin) & (t < end), 5e-3 * x * (1.0 - x) / (1.0 + x * x * x * x), 0.0)
+            value += np.where(
+                (t >= begin) & (t < end), 5e-3 * x * (1.0 - x) / (1.0 + x * x * x * x), 0.0
+            )
         for begin, end, off_mm in self.over_mm:
-            value += np.where((t >= begin) & (t < end), 4.0 * off_mm * (t - begin) * (end - t) / (end - begin) ** 2, 0.0)
+            value += np.where(
+                (t >= begin) & (t < end),
+                4.0 * off_mm * (t - begin) * (end - t) / (end - begin) ** 2,
+                0.0,
+            )
         value += 1e-3 * np.array(noise(len(t), self.seed, self.noise_um))
-        value += 1e-3 * (self.dither_um * (np.abs(t * 11.0 % 1.0 - 0.5) * 4.0 - 1.0) + self.drift_um_s * t)
+        value += 1e-3 * (
+            self.dither_um * (np.abs(t * 11.0 % 1.0 - 0.5) * 4.0 - 1.0) + self.drift_um_s * t
+        )
         beam = np.full(len(t), 0.9)
         for begin, end in self.beam_lost:
             beam[(t >= begin) & (t < end)] = 0.05
@@ -86,12 +101,15 @@ class Machine(Timeline):
         return t, value, beam
 
     def laser(self) -> Any:
-        """Return chunks of 4 to 8 lines, each handed over some hundred microseconds after its last one."""
+        """Return chunks of 4 to 8 lines, each handed over some hundred microseconds after its last
+        one."""
         t, value, beam = self.columns()
         chunks, pick = [], 0
         while pick < len(t):
             end = min(pick + 4 + pick * 7 % 5, len(t))
-            lines = "".join(f"{(k + 65000) % 65536} {value[k]:.6f} {beam[k]:.2f}\r\n" for k in range(pick, end)).encode()
+            lines = "".join(
+                f"{(k + 65000) % 65536} {value[k]:.6f} {beam[k]:.2f}\r\n" for k in range(pick, end)
+            ).encode()
             arrival_ns = (round(t[end - 1] * 1e6) + 1000 + pick * 37 % 400) * 1000
             if any(arrival_ns >= moment * 1e9 > t[pick - 1] * 1e9 for moment in self.garbage_at):
                 lines = b"what is that\r\n" + lines
@@ -101,7 +119,8 @@ class Machine(Timeline):
         return chunks
 
     def polls(self) -> Any:
-        """Return the register blocks of polls with 3 to 8 ms between request and answer; the PLC's state is that of mid-way."""
+        """Return the register blocks of polls with 3 to 8 ms between request and answer; the PLC's
+        state is that of mid-way."""
         blocks: list[Any] = []
         for k in range(int(self.duration * self.poll_hz)):
             send_ns = round(k * 1e6 / self.poll_hz) * 1000 + k * 389 % 20 * 100_000
@@ -109,7 +128,11 @@ class Machine(Timeline):
             if any(begin <= send_ns * 1e-9 < end for begin, end in self.poll_gaps):
                 blocks.append(LinkEvent(recv_ns, "machine", "silent"))
             else:
-                blocks.append(ModbusBlock(send_ns, recv_ns, BLOCK, (self.registers((send_ns + recv_ns) * 0.5e-9, k),)))
+                blocks.append(
+                    ModbusBlock(
+                        send_ns, recv_ns, BLOCK, (self.registers((send_ns + recv_ns) * 0.5e-9, k),)
+                    )
+                )
         return blocks
 
     def registers(self, now: float, heartbeat: int) -> bytes:
@@ -124,7 +147,9 @@ class Machine(Timeline):
             times = np.ravel(self.schedule())
             places = np.repeat([stop.position for stop in self.stops], 2, axis=0)
             then = now - self.late_s.get("position", 0.0)
-            data[8:20] = struct.pack(">iii", *(round(float(np.interp(then, times, axis)) * 1e4) for axis in places.T))
+            data[8:20] = struct.pack(
+                ">iii", *(round(float(np.interp(then, times, axis)) * 1e4) for axis in places.T)
+            )
         (bits,) = struct.unpack(">H", data[4:6])
         since = next((now - begin for begin, end in self.schedule() if begin <= now < end), None)
         if since is not None and any(begin <= since < end for begin, end in self.flicker):
@@ -137,13 +162,17 @@ class Machine(Timeline):
         for address, said in self.words.items():
             values = [value for moment, value in said if now >= moment]
             if values:
-                data[2 * int(address) : 2 * int(address) + 2] = struct.pack(">H", values[-1] & 0xFFFF)
+                data[2 * int(address) : 2 * int(address) + 2] = struct.pack(
+                    ">H", values[-1] & 0xFFFF
+                )
         return bytes(data)
 
     def events(self) -> Any:
         """Return all events in the order in which they arrive."""
         more = [
-            Loss(int(moment * 1e9), *rest, "the disk is full") if link == "loss" else _change(int(moment * 1e9), link, *rest)
+            Loss(int(moment * 1e9), *rest, "the disk is full")
+            if link == "loss"
+            else _change(int(moment * 1e9), link, *rest)
             for moment, link, *rest in self.links
         ]
         return sorted([*self.laser(), *self.polls(), *more], key=arrival)
@@ -154,7 +183,14 @@ MACHINE = {"seed": 3, "rate_hz": 50.0, "poll_hz": 25.0, "move_s": 0.4}
 
 
 def _stop(
-    x_mm: float, y_mm: float, z_mm: float, reading_mm: float, setup: int = 1, seconds: float = 0.7, counts: int = 1, shown: int = 1
+    x_mm: float,
+    y_mm: float,
+    z_mm: float,
+    reading_mm: float,
+    setup: int = 1,
+    seconds: float = 0.7,
+    counts: int = 1,
+    shown: int = 1,
 ) -> Standstill:
     return Standstill((x_mm, y_mm, z_mm), reading_mm, setup, seconds, counts, bool(shown))
 
@@ -162,25 +198,45 @@ def _stop(
 def _change(time_ns: int, link: Any, state: Any, detail: str = "") -> LinkEvent:
     """Return a change of a link, its losses apart from its state as the links report them."""
     state_words, found, lost = detail.partition("bytes lost: ")
-    return LinkEvent(time_ns, link, state, state_words.removesuffix("; "), tuple(lost.split("; ")) if found else ())
+    return LinkEvent(
+        time_ns,
+        link,
+        state,
+        state_words.removesuffix("; "),
+        tuple(lost.split("; ")) if found else (),
+    )
 
 
 def log(told: dict[str, Any]) -> Any:
-    """Play a timeline into a capture, each pass that ends beginning the next log; return everything that came of it."""
-    machine = Machine(**MACHINE | told["machine"] | {"stops": [_stop(*row) for row in told["stops"]]})
-    survey = survey_of(told | {"survey": {"n": 2, "dwell": 0.7, "rate_hz": machine.rate_hz} | told["survey"]})
+    """Play a timeline into a capture, each pass that ends beginning the next log; return everything
+    that came of it."""
+    machine = Machine(
+        **MACHINE | told["machine"] | {"stops": [_stop(*row) for row in told["stops"]]}
+    )
+    survey = survey_of(
+        told | {"survey": {"n": 2, "dwell": 0.7, "rate_hz": machine.rate_hz} | told["survey"]}
+    )
     events = machine.events()
     if survey.plc.silent:
         events = [each for each in events if isinstance(each, Chunk)]
     if "head" in told:
         events = sorted([*events, *_head_chunks(told["head"], machine)], key=arrival)
     if "air" in told:
-        events = sorted([*events, *(Chunk("air", int(moment * 1e9), text.encode()) for moment, text in told["air"])], key=arrival)
+        events = sorted(
+            [
+                *events,
+                *(Chunk("air", int(moment * 1e9), text.encode()) for moment, text in told["air"]),
+            ],
+            key=arrival,
+        )
     book, said = PassBook(survey), []
     start = book.start(skip_open_dwell=False)
     if "start" in told:
         hints = {setup: hint_of(said) for setup, said in told["start"].get("hints", {}).items()}
-        start = msgspec.convert(msgspec.to_builtins(start) | told["start"] | ({"hints": hints} if hints else {}), CaptureStart)
+        start = msgspec.convert(
+            msgspec.to_builtins(start) | told["start"] | ({"hints": hints} if hints else {}),
+            CaptureStart,
+        )
     if survey.plc.silent:
         first = next(iter(start.hints))
         start = msgspec.structs.replace(start, hints={first: start.hints[first]})
@@ -199,13 +255,19 @@ def log(told: dict[str, Any]) -> Any:
         if any(isinstance(each, Ended) for each in outcomes) and not told.get("one_log"):
             left, beyond = capture.left_over(), capture.went_beyond()
             said.append(f"next log: {brief(left)}, {beyond}, {capture.standing is not None}")
-            capture = Capture(survey, book.start(skip_open_dwell=capture.standing is not None, breaks=left, beyond=beyond))
+            capture = Capture(
+                survey,
+                book.start(
+                    skip_open_dwell=capture.standing is not None, breaks=left, beyond=beyond
+                ),
+            )
     said += _told(capture.finish())
     return {"outcomes": said, "left_over": plain(capture.left_over())}
 
 
 def _told(outcomes: Iterable[Any]) -> list[Any]:
-    """Return outcomes, a stop as several rows; what nobody can check in a survey is said in words by `said.unsaid`."""
+    """Return outcomes, a stop as several rows; what nobody can check in a survey is said in words
+    by `said.unsaid`."""
     said: list[Any] = []
     for each in outcomes:
         if isinstance(each, Finding) and each.setup is None:
@@ -216,7 +278,8 @@ def _told(outcomes: Iterable[Any]) -> list[Any]:
 
 
 def _head_chunks(told: dict[str, Any], machine: Machine) -> list[Chunk]:
-    """Return the lines of a head whose spot stands where ``lateral`` says at each stop; dark and saturated in spans.
+    """Return the lines of a head whose spot stands where ``lateral`` says at each stop; dark and
+    saturated in spans.
 
     ``angles``: those of an autocollimator, in seconds of arc.
     """
@@ -232,16 +295,32 @@ def _head_chunks(told: dict[str, Any], machine: Machine) -> list[Chunk]:
                 for more, angle in enumerate(told["angles"][index])
             )
             valid = 0 if any(a <= t < b for a, b in told.get("dark", [])) else 3
-            chunks.append(Chunk("head", round((t + 0.002) * 1e6) * 1000, f"3 00{valid} {first:.2f} {second:.2f}\r".encode()))
+            chunks.append(
+                Chunk(
+                    "head",
+                    round((t + 0.002) * 1e6) * 1000,
+                    f"3 00{valid} {first:.2f} {second:.2f}\r".encode(),
+                )
+            )
             continue
         light = 0 if any(a <= t < b for a, b in told.get("dark", [])) else 1
         swing = 4000.0 / (1.0 + x * x * x * x) + 300 * ((k * 7919) % 11 - 5)
         values = []
         for along_x, along_y in told["lateral"][index]:
-            values += [round(light * (along_x + swing)), round(light * (along_y + 0.3 * swing)), light * 1_000_000]
+            values += [
+                round(light * (along_x + swing)),
+                round(light * (along_y + 0.3 * swing)),
+                light * 1_000_000,
+            ]
         status = sum(bit for bit, a, b in told.get("status", []) if a <= t < b)
         body = f"4D,{k},{status}," + ",".join(map(str, values))
-        chunks.append(Chunk("head", round((t + 0.002) * 1e6) * 1000, f"${body}*{crc_hqx(body.encode(), 0xFFFF):04X}\r\n".encode()))
+        chunks.append(
+            Chunk(
+                "head",
+                round((t + 0.002) * 1e6) * 1000,
+                f"${body}*{crc_hqx(body.encode(), 0xFFFF):04X}\r\n".encode(),
+            )
+        )
     return chunks
 
 
@@ -276,7 +355,10 @@ def by_laser(told: dict[str, Any]) -> Any:
     survey = survey_of({"text": SURVEY.format(setup=told.get("setup", "ppp"), rate_hz=rate_hz)})
     laser, found = StreamBuffer(laser_decoder(survey)), []
     hint = msgspec.convert(hint_of(told.get("hint", {})), PassHint)
-    start = CaptureStart(hints={told.get("setup", "ppp"): hint}, breaks=tuple(Break(*each) for each in told.get("breaks", [])))
+    start = CaptureStart(
+        hints={told.get("setup", "ppp"): hint},
+        breaks=tuple(Break(*each) for each in told.get("breaks", [])),
+    )
     places = ByLaser(survey, start, laser)
     for act in told["acts"]:
         to_mm, move_s, stand_s, beam = [*act, 1.0][:4]
@@ -287,8 +369,20 @@ def by_laser(told: dict[str, Any]) -> Any:
     size = rate_hz // 10
     for first in range(0, len(rows), size):
         part = rows[first : first + size]
-        now_ns = 1_000_000_000 + (first + len(part)) * 1_000_000_000 // rate_hz - (first // size % 3 == 0)
-        laser.feed("".join(f"{mm:.6f} {first + k + 1} {beam}\n" for k, (mm, beam) in enumerate(part)).encode(), now_ns)
+        now_ns = (
+            1_000_000_000
+            + (first + len(part)) * 1_000_000_000 // rate_hz
+            - (first // size % 3 == 0)
+        )
+        laser.feed(
+            "".join(
+                f"{mm:.6f} {first + k + 1} {beam}\n" for k, (mm, beam) in enumerate(part)
+            ).encode(),
+            now_ns,
+        )
         dwells, outcomes = places.look(now_ns)
-        found += [[now_ns, *brief(each)] if isinstance(each, Dwell) else f"{now_ns} {brief(each)}" for each in (*dwells, *outcomes)]
+        found += [
+            [now_ns, *brief(each)] if isinstance(each, Dwell) else f"{now_ns} {brief(each)}"
+            for each in (*dwells, *outcomes)
+        ]
     return found

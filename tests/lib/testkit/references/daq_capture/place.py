@@ -14,13 +14,25 @@ from stepdiag.daq.capture.standing.certain_window import last_beyond_ns, watched
 from stepdiag.daq.capture.stop_capture import PositionCheck
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
 from testkit.references import plain
-from testkit.references.daq_capture.told import MS, Told, brief, hint_of, signals_of, stop_of, survey_of
+from testkit.references.daq_capture.told import (
+    MS,
+    Told,
+    brief,
+    hint_of,
+    signals_of,
+    stop_of,
+    survey_of,
+)
 from testkit.routes import make_route
 
 
 def route_of(told: dict[str, Any]) -> Route:
     """Return a route."""
-    volume = Volume(origin_mm=tuple(told.get("origin_mm", (0.0, 0.0, 0.0))), size_mm=tuple(told["size_mm"]), increments=told["n"])
+    volume = Volume(
+        origin_mm=tuple(told.get("origin_mm", (0.0, 0.0, 0.0))),
+        size_mm=tuple(told["size_mm"]),
+        increments=told["n"],
+    )
     return make_route(volume, told["setup"], told.get("order", "xyz"), outward=told["outward"])
 
 
@@ -30,17 +42,35 @@ def routes(told: dict[str, Any]) -> Any:
     last = len(route) - 1
     pairs = ([0, 1], [1, 2], [2, 4], [last - 1, last], [0, 0])
     steps = [
-        [*pair, number, _judged(route, pair, _measured(route, pair, share), told["absolutes"][number % len(told["absolutes"])])]
+        [
+            *pair,
+            number,
+            _judged(
+                route,
+                pair,
+                _measured(route, pair, share),
+                told["absolutes"][number % len(told["absolutes"])],
+            ),
+        ]
         for pair in pairs[: told.get("pairs", 5)]
         for number, share in enumerate(told["shares"])
     ]
-    runs = (route.nominal_mm[:1], route.nominal_mm[:2], route.nominal_mm, [0, *route.nominal_mm], route.nominal_mm[1:3])
+    runs = (
+        route.nominal_mm[:1],
+        route.nominal_mm[:2],
+        route.nominal_mm,
+        [0, *route.nominal_mm],
+        route.nominal_mm[1:3],
+    )
     return {
         "route": list(plain(route).values()),
         "axes": [route.axis_to(stop) for stop in range(len(route))],
         "planned": plain([route.planned_mm(stop) for stop in range(len(route))]),
         "at": plain([route.nominal_at_mm(tuple(place)) for place in told["places"]]),
-        "found": [[route.find(tuple(place), expected) for expected in (0, 3, last)] for place in told["places"]],
+        "found": [
+            [route.find(tuple(place), expected) for expected in (0, 3, last)]
+            for place in told["places"]
+        ],
         "backward": plain([route.backward_mm(stop, stop + 1) for stop in range(last)]),
         "steps": steps,
         "kept": [bool(column.flags.writeable) for column in (route.stops_mm, route.nominal_mm)],
@@ -55,7 +85,8 @@ def _judged(route: Route, pair: list[int], measured_mm: float, absolute_mm: floa
 
 
 def _measured(route: Any, pair: list[int], share: Any) -> float:
-    """Return a step: a share of the nominal one and so many mm more, or that of another pair of stops."""
+    """Return a step: a share of the nominal one and so many mm more, or that of another pair of
+    stops."""
     factor, more_mm, *other = share
     return float(factor * route.step_mm(*(other[0] if other else pair)) + more_mm)
 
@@ -67,11 +98,21 @@ def agreeing(told: list[list[float]]) -> Any:
 
 def laser_places(told: dict[str, Any]) -> Any:
     """Play readings into what is known of a route."""
-    places = LaserPlaces(route_of(told["route"]), {int(stop): reading for stop, reading in told["known"].items()})
+    places = LaserPlaces(
+        route_of(told["route"]), {int(stop): reading for stop, reading in told["known"].items()}
+    )
     found = []
     for act, *rest in told["steps"]:
-        said = places.take(rest[0], rest[1], anew=rest[2]) if act == "take" else getattr(places, act)(*rest)
-        known = "" if act == "stop_at" else " ".join(f"{stop}:{reading:.4f}" for stop, reading in places.known.items())
+        said = (
+            places.take(rest[0], rest[1], anew=rest[2])
+            if act == "take"
+            else getattr(places, act)(*rest)
+        )
+        known = (
+            ""
+            if act == "stop_at"
+            else " ".join(f"{stop}:{reading:.4f}" for stop, reading in places.known.items())
+        )
         found.append([act, plain(said), known])
     return found
 
@@ -86,7 +127,9 @@ def walk(told: dict[str, Any]) -> Any:
     if "believed" in told:
         follows = Walk.begun_before(route, told["believed"], told["last_count"])
     else:
-        follows = Walk(route, told.get("expected", 0), told.get("last_count"), told.get("last_mm"), known)
+        follows = Walk(
+            route, told.get("expected", 0), told.get("last_count"), told.get("last_mm"), known
+        )
     found, before = [], {"name": follows.name} | _state(follows)
     begins = dict(before)
     for act, *rest in told["steps"]:
@@ -99,7 +142,13 @@ def walk(told: dict[str, Any]) -> Any:
         else:
             said = getattr(follows, act)(*rest)
         now = _state(follows)
-        found.append([act, brief(said), {name: value for name, value in now.items() if value != before[name]}])
+        found.append(
+            [
+                act,
+                brief(said),
+                {name: value for name, value in now.items() if value != before[name]},
+            ]
+        )
         before |= now
     return {"begins": begins, "steps": found}
 
@@ -110,19 +159,37 @@ def _state(follows: Walk) -> dict[str, Any]:
 
 
 def finder(told: dict[str, Any]) -> Any:
-    """Play first dwells ``[place, setup, count, reading]`` into the finder of a pass, with each count before."""
+    """Play first dwells ``[place, setup, count, reading]`` into the finder of a pass, with each
+    count before."""
     survey, found, spots = survey_of(told), [], told["spots"]
-    hints = {setup: msgspec.convert(hint_of(said), PassHint) for setup, said in told["hints"].items()}
+    hints = {
+        setup: msgspec.convert(hint_of(said), PassHint) for setup, said in told["hints"].items()
+    }
     for last_count, rows in told["asked"]:
         finds = PassFinder(survey, CaptureStart(hints=hints, last_count=last_count))
         for place, setup, count, reading_mm in rows:
-            signals = signals_of({"setup": setup, "stop_count": count} | ({} if place is None else {"at": spots[place]}))
+            signals = signals_of(
+                {"setup": setup, "stop_count": count}
+                | ({} if place is None else {"at": spots[place]})
+            )
             answer = finds.follow(signals, reading_mm)
             said: list[Any] = [finds.is_head_run(signals)]
             if isinstance(answer, Walk):
                 turn = None if finds.turn is None else finds.turn.stop
-                state = [answer.name, answer.expected, answer.started, answer.apart, turn, answer.counts_on(signals)]
-                said += [*state, " ".join(f"{stop}:{reading:.4f}" for stop, reading in answer.laser.known.items())]
+                state = [
+                    answer.name,
+                    answer.expected,
+                    answer.started,
+                    answer.apart,
+                    turn,
+                    answer.counts_on(signals),
+                ]
+                said += [
+                    *state,
+                    " ".join(
+                        f"{stop}:{reading:.4f}" for stop, reading in answer.laser.known.items()
+                    ),
+                ]
             else:
                 said += [brief(answer) if isinstance(answer, Finding) else plain(answer)]
             found.append(" | ".join(map(str, plain(said))))
@@ -130,46 +197,78 @@ def finder(told: dict[str, Any]) -> Any:
 
 
 def directions(told: dict[str, Any]) -> Any:
-    """Return where a pass is taken up at each place of a table: a row for a hint and a place, in it a word for each count."""
+    """Return where a pass is taken up at each place of a table: a row for a hint and a place, in it
+    a word for each count."""
     survey, spots, found = survey_of(told), told["spots"], {}
     for said in told["hints"]:
         hint = msgspec.convert(hint_of(said), PassHint)
         for place, spot in enumerate(spots):
             row = []
             for count in told["counts"]:
-                finds = PassFinder(survey, CaptureStart(hints={told["setup"]: hint}, last_count=told["last_count"]))
+                finds = PassFinder(
+                    survey, CaptureStart(hints={told["setup"]: hint}, last_count=told["last_count"])
+                )
                 answer = finds.follow(signals_of({"stop_count": count, "at": spot}), None)
                 assert isinstance(answer, Walk)
-                row.append(f"{'+' if answer.route.outward else '-'}{answer.expected}{'t' if finds.turn else ''}")
+                row.append(
+                    f"{'+' if answer.route.outward else '-'}{answer.expected}"
+                    f"{'t' if finds.turn else ''}"
+                )
             found[f"{said} at {place}"] = " ".join(row)
     return found
 
 
 def located(told: dict[str, Any]) -> Any:
-    """Return which stop a walk takes each reading for, after some stops: a row for a count and a count that was lost or not."""
+    """Return which stop a walk takes each reading for, after some stops: a row for a count and a
+    count that was lost or not."""
     route, found = route_of(told["route"]), {}
     for stops in told["taken"]:
         for count in told["counts"]:
             for lost in (False, True):
-                row = [_located(route, stops, reading_mm, count, lost=lost) for reading_mm in told["readings"]]
+                row = [
+                    _located(route, stops, reading_mm, count, lost=lost)
+                    for reading_mm in told["readings"]
+                ]
                 found[f"{stops} {count}{' lost' * lost}"] = " ".join(row)
     return found
 
 
-def _located(route: Route, stops: list[int], reading_mm: float, count: int | None, *, lost: bool) -> str:
+def _located(
+    route: Route, stops: list[int], reading_mm: float, count: int | None, *, lost: bool
+) -> str:
     """Return a word for where a walk that came to some stops, counted by ones, sees itself."""
     follows = Walk(route, 0, 0, None, {})
     for number, stop in enumerate(stops):
         reading = float(route.nominal_mm[stop])
-        follows.advance(stop_of({"stop": stop, "reading_mm": reading, "stop_count": None if count is None else 1 + number}))
+        follows.advance(
+            stop_of(
+                {
+                    "stop": stop,
+                    "reading_mm": reading,
+                    "stop_count": None if count is None else 1 + number,
+                }
+            )
+        )
     counted = signals_of({} if count is None else {"stop_count": len(stops) + count})
     index, odd = follows.locate_by_laser(counted, reading_mm, lost=lost)
-    state = "n" * follows.nowhere + "r" * bool(follows.retreated) + "a" * bool(follows.apart) + "u" * bool(follows.unsure)
-    return "-".join(["x" if index is None else str(index), *(each.code[0] + each.code[-1] + str(each.stop) for each in odd), state])
+    state = (
+        "n" * follows.nowhere
+        + "r" * bool(follows.retreated)
+        + "a" * bool(follows.apart)
+        + "u" * bool(follows.unsure)
+    )
+    return "-".join(
+        [
+            "x" if index is None else str(index),
+            *(each.code[0] + each.code[-1] + str(each.stop) for each in odd),
+            state,
+        ]
+    )
 
 
 def turned(told: dict[str, Any]) -> Any:
-    """Return what the laser saw beyond a last stop: of each reading, end of its window, direction and time."""
+    """Return what the laser saw beyond a last stop: of each reading, end of its window, direction
+    and time."""
     stream, found = Told(told["stream"]), []
     for reading_mm in told["readings"]:
         for end_ms in told["ends"]:
@@ -177,7 +276,9 @@ def turned(told: dict[str, Any]) -> Any:
             row: list[Any] = []
             for until in told["untils"]:
                 row += [int(watched_closely(stream, last, until * MS))]
-                row += [last_beyond_ns(stream, last, towards, until * MS) for towards in (1.0, -1.0)]
+                row += [
+                    last_beyond_ns(stream, last, towards, until * MS) for towards in (1.0, -1.0)
+                ]
             found.append(row)
     return plain(found)
 
@@ -188,6 +289,10 @@ def positions(told: dict[str, Any]) -> Any:
     check = PositionCheck({} if told.get("bare") else CONTRACT_SIGNALS)
     follows = Walk(route, 0, None, None)
     for stop, off_mm in told["stops"]:
-        at = [plan + off for plan, off in zip(route.planned_mm(stop), off_mm, strict=True)] if off_mm else []
+        at = (
+            [plan + off for plan, off in zip(route.planned_mm(stop), off_mm, strict=True)]
+            if off_mm
+            else []
+        )
         found.append(brief(check.judge(follows, stop, signals_of({"at": at}))))
     return found

@@ -1,4 +1,5 @@
-"""What daq/capture says of sensors, of the machine and of its own streams, played from reference files."""
+"""What daq/capture says of sensors, of the machine and of its own streams, played from reference
+files."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -6,7 +7,14 @@ from typing import Any
 from stepdiag.base.errors import StepdiagError
 from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
-from stepdiag.daq.capture.conditions import Conditions, Credible, believed_before, condition_names, needed_conditions, with_air
+from stepdiag.daq.capture.conditions import (
+    Conditions,
+    Credible,
+    believed_before,
+    condition_names,
+    needed_conditions,
+    with_air,
+)
 from stepdiag.daq.capture.log_start import start_of
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, credible_of
@@ -20,7 +28,8 @@ from testkit.references.daq_capture.told import MS, brief, signals_of, stop_of, 
 
 
 def conditions(told: dict[str, Any]) -> Any:
-    """Play what the sensors say, a change at a time, at stop after stop: what is believed, held, said and doubted."""
+    """Play what the sensors say, a change at a time, at stop after stop: what is believed, held,
+    said and doubted."""
     survey = survey_of(told)
     credible = {name: Credible(**said) for name, said in told.get("credible", {}).items()}
     judges, found = Conditions(survey, credible), []
@@ -28,8 +37,13 @@ def conditions(told: dict[str, Any]) -> Any:
         judged = judges.judge(signals_of(told["good"] | changed), time_s)
         believed = [getattr(judged.signals, name) for name in told["good"]]
         kept = [judges.credible[name] for name in told["good"] if name in judges.credible]
-        words = [f"held {', '.join(judged.held)}"] * bool(judged.held) + [plain(each) for each in (*judged.remarks, *judged.doubted)]
-        found += [plain([*believed, *(each.value for each in kept), *(each.time_s for each in kept)]), *words]
+        words = [f"held {', '.join(judged.held)}"] * bool(judged.held) + [
+            plain(each) for each in (*judged.remarks, *judged.doubted)
+        ]
+        found += [
+            plain([*believed, *(each.value for each in kept), *(each.time_s for each in kept)]),
+            *words,
+        ]
     return {"needed": needed_conditions(survey), "stops": found}
 
 
@@ -38,16 +52,25 @@ def sensors(told: dict[str, Any]) -> Any:
     said = {name: (value, time_ms * MS) for name, value, time_ms in told["told"]}
     sensor: Any = SimpleNamespace(
         conditions={name: value for name, (value, _) in said.items()},
-        conditions_since=lambda since: {name: value for name, (value, time_ns) in said.items() if time_ns >= since},
+        conditions_since=lambda since: {
+            name: value for name, (value, time_ns) in said.items() if time_ns >= since
+        },
     )
     found = []
     for each in told["surveys"]:
         survey = survey_of(each)
         found.append(condition_names(survey, sensor))
         for now_ms in told["now_ms"]:
-            felt = with_air(survey, signals_of(told["signals"]), sensor, now_ms * MS, silent=float("nan"))
+            felt = with_air(
+                survey, signals_of(told["signals"]), sensor, now_ms * MS, silent=float("nan")
+            )
             before = believed_before(survey, sensor, now_ms * MS, 7_000_000_000, {})
-            found.append([{name: value for name, value in plain(felt).items() if value is not None}, plain(before)])
+            found.append(
+                [
+                    {name: value for name, value in plain(felt).items() if value is not None},
+                    plain(before),
+                ]
+            )
     return found
 
 
@@ -62,7 +85,15 @@ def remarks(told: dict[str, Any]) -> Any:
         alarm, follows = Alarm(told["wall_ns"]), Walk(route_of(route), expected, None, None)
         for act, *rest in told["alarms"]:
             if act == "look":
-                alarms.append(brief(list(alarm.look(follows, Signals(alarm=rest[0]), rest[1] * MS, waiting=rest[2]))))
+                alarms.append(
+                    brief(
+                        list(
+                            alarm.look(
+                                follows, Signals(alarm=rest[0]), rest[1] * MS, waiting=rest[2]
+                            )
+                        )
+                    )
+                )
             else:
                 alarms.append(plain(alarm.doubts(stop_of({"window_to_ns": rest[0] * MS}))))
     heard: list[Notice] = []
@@ -94,7 +125,11 @@ def unsaid(told: list[dict[str, Any]]) -> Any:
     for each in told:
         survey = survey_of(each)
         found.append(
-            [places_known(survey), brief(unchecked(survey)), brief(unchecked(survey, each["without"])) if "without" in each else None]
+            [
+                places_known(survey),
+                brief(unchecked(survey)),
+                brief(unchecked(survey, each["without"])) if "without" in each else None,
+            ]
         )
     return found
 
