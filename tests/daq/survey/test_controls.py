@@ -96,7 +96,7 @@ def test_what_a_protocol_cannot_do_is_refused_by_field(text, message):
 def test_what_does_not_fit_into_one_telegram_is_refused():
     """Two polls of one machine are two moments."""
     scattered = "".join(f'[plc.inputs.i{n}]\ntable = "db{n}"\naddress = 0\n' for n in range(1, 25))
-    with pytest.raises(UsageError, match="what one telegram of 240 bytes can ask for and answer"):
+    with pytest.raises(UsageError, match="one telegram of 240 bytes can request and carry"):
         parse_survey(
             f'{SMALLEST}\n{S7}[plc.signals.stopped]\ntable = "db99"\naddress = 0\n{scattered}', "s"
         )
