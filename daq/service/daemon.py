@@ -84,7 +84,7 @@ class Daemon:
             max_gb=self.survey.recording.max_gb,
         )
         self._programs = programs
-        self._changed_ns = _modified_ns(survey_file)
+        self._looked = (_modified_ns(survey_file), False)
         self._notifier = Notifier()
         self._tally = Tally()
         self._stop = asyncio.Event()
@@ -383,16 +383,20 @@ class Daemon:
         looked at between two passes."""
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
-        changed_ns = _modified_ns(self._file)
-        if changed_ns == self._changed_ns or working.finisher.phase == "solving" or begun:
+        # a change before the first stop corrects nothing yet: it is looked at once more with stops
+        looked = (_modified_ns(self._file), bool(working.shown.book.stops))
+        if looked == self._looked or working.finisher.phase == "solving" or begun:
             return
-        self._changed_ns = changed_ns
+        touched = looked[0] != self._looked[0]
+        self._looked = looked
         try:
             text = read_text(self._file)
+            before = working.corrects
             working.corrects = tuple(map(str, self._corrections(text)))
             if text == self._text or not extends(text, self._text):
-                _log.info("survey-changed", changes=list(working.corrects))
-                self.status_source.news()
+                if touched or working.corrects != before:
+                    _log.info("survey-changed", changes=list(working.corrects))
+                    self.status_source.news()
                 return
             folder = gone_on_with(working.shown.folder, text)
         except (UsageError, DataError, OSError) as refused:

@@ -13,7 +13,8 @@ from testkit.running.hall import daemon, hall, ordered, until
 pytestmark = pytest.mark.system
 
 
-def test_a_corrected_file_is_applied_on_the_page_and_the_survey_goes_on(tmp_path):
+@pytest.mark.parametrize("early", [False, True], ids=["after stops", "before the first stop"])
+def test_a_corrected_file_is_applied_on_the_page_and_the_survey_goes_on(early, tmp_path):
     """The laser counts the other way round: no pass of ppp is whole until the sign is corrected,
     and none is driven twice."""
     port, token = reserved_port(), "a token of the tests"
@@ -28,6 +29,9 @@ def test_a_corrected_file_is_applied_on_the_page_and_the_survey_goes_on(tmp_path
         )
         place.survey.write_text(text)
         with daemon(place.survey) as process:
+            if early:
+                place.survey.write_text(text.replace("sign = -1", "sign = 1"))
+                until(process, "survey-changed", changes=[])
             place.start_setups(stop_after=1)
             place.survey.write_text(text.replace("sign = -1", "sign = 1"))
             until(process, "survey-changed", changes=["laser.sign: -1 -> 1"])
