@@ -14,7 +14,7 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.cause.finder import CauseFinder
 from stepdiag.daq.capture.cause.likelihood import Stand, moves_between
-from stepdiag.daq.capture.conditions import Conditions, with_air
+from stepdiag.daq.capture.conditions import Conditions, is_sensed, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outages import Outages
@@ -34,7 +34,7 @@ from stepdiag.daq.capture.standing.window import Placing
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
-from stepdiag.daq.survey.formats import decoders, promised
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
@@ -79,7 +79,7 @@ class Capture:
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
         self._cause = CauseFinder(survey, start.hints, named=start.named)
         self._dwell_before: Dwell | None = None
-        self._sensed = survey.environment.source == "laser" or bool(promised(survey))
+        self._sensed = is_sensed(survey)
         self._handshake = survey.plc.handshake.enabled
         self._late_ns = int(survey.plc.latency_s * 1e9)
         self._skip_open = start.skip_open_dwell

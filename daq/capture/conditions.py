@@ -102,6 +102,12 @@ class Judged:
     doubted: list[Message] = field(default_factory=list)
 
 
+def is_sensed(survey: Survey) -> bool:
+    """Return whether the laser or a sensor sends air and material: without them `with_air` has
+    nothing to do."""
+    return survey.environment.source == "laser" or bool(promised(survey))
+
+
 def with_air(
     survey: Survey,
     signals: Signals,

@@ -19,7 +19,7 @@ from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.cause.finder import line_named, line_to_correct
-from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
+from stepdiag.daq.capture.conditions import believed_before, condition_names, is_sensed, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
@@ -39,7 +39,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.listening import Listening
 from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, ModbusBlock, Stream
-from stepdiag.daq.survey.formats import decoders, promised
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
@@ -133,7 +133,7 @@ class Session:
         self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle = _idle_streams(survey)
-        self._sensed = survey.environment.source == "laser" or bool(promised(survey))
+        self._sensed = is_sensed(survey)
         self._listening = Listening(survey)
         self._down: set[Link] = set()
         self.capture: Capture | None = None

@@ -231,7 +231,19 @@ def prove(
             break
         best = found
     proved = tuple(_proved(case, best, name, result) for name in case.seen)
+    return Proof(
+        tables=proved, sigma_um=case.fit.sigma_um, further=_further(case, before, after, proved)
+    )
+
+
+def _further(
+    case: _Case, before: Readings, after: Readings, proved: Sequence[Proved]
+) -> tuple[str, ...]:
+    """Return the setups, not driven again yet, that show the undecided tables most."""
+    missing = [each.function for each in proved if each.state == "undecided"]
     rest = [name for name in dict.fromkeys(before.setup) if name not in after.setup]
+    if not missing or not rest:
+        return ()
     seen = {
         name: columns(case.tables, [way for way, _ in ways_of(before, [name])]) for name in rest
     }
@@ -239,9 +251,7 @@ def prove(
     def shown_um(function: str, setup: str) -> float:
         return float(np.std(seen[setup][function])) if function in seen[setup] else 0.0
 
-    missing = [each.function for each in proved if each.state == "undecided"] if rest else []
-    further = dict.fromkeys(max(rest, key=partial(shown_um, name)) for name in missing)
-    return Proof(tables=proved, sigma_um=case.fit.sigma_um, further=tuple(further))
+    return tuple(dict.fromkeys(max(rest, key=partial(shown_um, name)) for name in missing))
 
 
 def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:

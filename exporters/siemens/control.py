@@ -181,12 +181,12 @@ class Siemens:
         """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and
         ``LOAD_CEC.MPF`` that write the same."""
         options = profile.options_as(SiemensOptions)
-        acted = profile.machine.measured_with == "on"
+        acted, held = profile.machine.measured_with == "on", restore.held_lines(profile)
         eec_loads = [
             Load(
                 table=table,
                 lines=eec.assignments(table, options.decimals, points),
-                held=restore.held_lines(table, profile),
+                held=held(table),
                 acted=acted,
             )
             for table in tables
@@ -197,7 +197,7 @@ class Siemens:
             Load(
                 table=table,
                 lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0),
-                held=restore.held_lines(table, profile),
+                held=held(table),
                 acted=acted,
             )
             for table in numbered([table for table in tables if table.kind != eec.KIND])

@@ -164,16 +164,18 @@ def cec_kind(
     )
 
 
-def held_lines(table: Table, profile: Profile) -> list[str]:
-    """Return the assignments of the machine's own files at the place of a table; none where they
-    have none."""
-    if table.kind == eec.KIND:
-        return _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index).get(
-            _eec_place(table), []
-        )
-    return _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0]).get(
-        _cec_place(table), []
-    )
+def held_lines(profile: Profile) -> Callable[[Table], list[str]]:
+    """Return what gives the assignments of the machine's own files at the place of a table; none
+    where they have none."""
+    eec_lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
+    cec_lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
+
+    def held(table: Table) -> list[str]:
+        if table.kind == eec.KIND:
+            return eec_lines.get(_eec_place(table), [])
+        return cec_lines.get(_cec_place(table), [])
+
+    return held
 
 
 def _eec_place(table: Table) -> str:

@@ -41,6 +41,7 @@ from stepdiag.solver.methods.head_report import agreeing, beside_head, head_find
 from stepdiag.solver.methods.lengths import lengths_report, temperature_findings, tool_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.methods.volumetric import (
+    as_known,
     budget,
     coarse_findings,
     drawn_surveys,
@@ -258,12 +259,13 @@ def _over_the_volume(
     found = done.adjustment
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
     seen = _barely_seen(done)
-    posterior = make_posterior(found, seen, wider, done.quantities, done.known, result.errors)
+    machines = as_known(found, seen, done.quantities, done.known)
+    posterior = make_posterior(found, seen, wider, machines, done.known, result.errors)
     whole = replace(result, posterior=posterior)
     predicted, u_um = volume_report(whole, posterior)
     angles = angle_findings(found, done.spread, resolved, left_with_head_um(found, wider, u_um))
     findings = (*whole.findings, *angles, *doubt_findings(found))
-    shares = volume_shares_um(found, seen, done.quantities, done.known, posterior, u_um)
+    shares = volume_shares_um(found, seen, machines, posterior, u_um)
     return replace(whole, findings=findings, volumetric_u_um=u_um, predicted=predicted), shares
 
 

@@ -65,6 +65,10 @@ up, each factor as likely.
 """
 
 
+Machines = tuple[Machine, Machine, Vector]
+"""The machine whole, as the readings determine it, and the covariance of the rest (`as_known`)."""
+
+
 def with_the_usual(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Spread:
@@ -80,7 +84,7 @@ def make_posterior(
     found: Adjustment,
     spread: Spread,
     wider: Spread,
-    quantities: Quantities,
+    machines: Machines,
     known: Mapping[str, bool],
     errors: Mapping[str, Function],
 ) -> Posterior:
@@ -88,9 +92,9 @@ def make_posterior(
     what is usual.
 
     ``wider`` are the covariances with them (`with_the_usual`), the basis of the machine's expected
-    place.
+    place; ``machines`` as of `as_known`.
     """
-    machine, seen, unmeasured = _as_known(found, spread, quantities, known)
+    machine, seen, unmeasured = machines
     offset = _offset(machine, wider, spread, errors, known)
     posterior = posterior_of(
         spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured
@@ -98,10 +102,10 @@ def make_posterior(
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
-def _as_known(
+def as_known(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
-) -> tuple[Machine, Machine, Vector]:
-    """Return the machine's values by the readings, and the covariance of the unseen parts
+) -> Machines:
+    """Return the machine whole, its values by the readings, and the covariance of the unseen parts
     (`separated`).
     """
     first = found.first_cause("angles") if found.shapes.names else 0
@@ -115,8 +119,7 @@ def _as_known(
 def volume_shares_um(
     found: Adjustment,
     spread: Spread,
-    quantities: Quantities,
-    known: Mapping[str, bool],
+    machines: Machines,
     posterior: Posterior,
     u_um: float,
 ) -> dict[str, float]:
@@ -126,7 +129,7 @@ def volume_shares_um(
     ``u_um`` is what all make together. Of what was not measured only the usual is known, within a
     factor: it has what is left of ``u_um``.
     """
-    _, seen, unmeasured = _as_known(found, spread, quantities, known)
+    _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
     # the square sum of what this makes of the values is that of the error vector, mean over the
     # points

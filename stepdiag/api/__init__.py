@@ -24,7 +24,7 @@ from stepdiag.base.readings.readings import (
     parse_readings,
     render_readings,
 )
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.result.result import Result, result_in
 from stepdiag.certificate.custody import Verified, verify_certificate
 from stepdiag.certificate.written import Beside, write_certificate
 from stepdiag.comparing.compare import Comparison, compare
@@ -97,7 +97,7 @@ def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
 def load_result(path: Path | str) -> Result:
     """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as
     `load_readings`."""
-    return parse_result(read_text(Path(path)), Path(path).name)
+    return result_in(Path(path))
 
 
 def save_result(result: Result, path: Path | str) -> None:

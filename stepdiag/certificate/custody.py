@@ -32,7 +32,7 @@ from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.base.files import as_text, read_bytes, read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Source
-from stepdiag.base.result.result import Result, parse_result, same_result
+from stepdiag.base.result.result import Result, parse_result, result_in, same_result
 from stepdiag.certificate.archival import archival, attached_in
 from stepdiag.certificate.document import Link, certificate_of
 from stepdiag.certificate.elements import DCC, SI, document
@@ -102,11 +102,11 @@ def links_of(
     """
     found = [
         (RESULT, result.name, sha256_of(result)),
-        *_sources(_read(result)),
+        *_sources(result_in(result)),
         *_persons(result.parent, ""),
     ]
     if left is not None:
-        of_left = [*_sources(_read(left)), *_persons(left.parent, "")]
+        of_left = [*_sources(result_in(left)), *_persons(left.parent, "")]
         found += [
             (LEFT, left.name, sha256_of(left)),
             *((role + AS_LEFT, name, sha) for role, name, sha in of_left),
@@ -150,10 +150,6 @@ def _persons(folder: Path, suffix: str) -> list[Link]:
 
 def _sources(result: Result) -> list[Link]:
     return [(one.role, one.name, one.sha256) for one in result.sources or ()]
-
-
-def _read(path: Path) -> Result:
-    return parse_result(read_text(path), path.name)
 
 
 def accepted_in(folder: Path) -> list[str]:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.base.files import read_bytes, read_text, write_together
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.files import read_bytes, write_together
+from stepdiag.base.result.result import result_in
 from stepdiag.certificate.archival import archival
 from stepdiag.certificate.custody import LETTERHEAD, PROFILE, REPORT, accepted_in, links_of
 from stepdiag.certificate.document import certificate_of
@@ -46,7 +46,7 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
         *((role, path) for role, path in named if path is not None),
     ]
     links = links_of(result, beside.laboratory, left=beside.left, files=given)
-    found, left = _read(result), None if beside.left is None else _read(beside.left)
+    found, left = result_in(result), None if beside.left is None else result_in(beside.left)
     accepted = accepted_in(result.parent) if any(role == "accepted" for role, _, _ in links) else ()
     data = document(
         certificate_of(
@@ -60,7 +60,3 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
         written[pdf] = archival(printed(read_bytes(beside.report)), out.name, data)
     write_together(written, over=False)
     return len(links)
-
-
-def _read(path: Path) -> Result:
-    return parse_result(read_text(path), path.name)

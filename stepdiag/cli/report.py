@@ -111,8 +111,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
     result.
     """
-    from stepdiag.base.files import read_text
-    from stepdiag.base.result.result import parse_result
+    from stepdiag.base.result.result import result_in
     from stepdiag.daq.records.survey_folder import RESULT
 
     file = result_file(path)
@@ -134,7 +133,7 @@ def read_result(path: Path, name: str = "") -> "Result":
             found=message("source-of-result"),
             remedy=remedy,
         )
-    return parse_result(read_text(file), name or file.name)
+    return result_in(file, name)
 
 
 def _distinct(paths: list[Path]) -> list[str]:

@@ -12,7 +12,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.readings import Readings, parse_readings
 from stepdiag.base.readings.runs import Run
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.result.result import Result, result_in
 from stepdiag.base.setups import setup_of
 from stepdiag.completion.completion import replay_judged
 from stepdiag.completion.foreseen import circumstances
@@ -74,7 +74,7 @@ def known_before(
     found = dict[tuple[str, Path], tuple[Result, Readings]]()
     for path in (*survey.folder(file).parent.glob(f"*/*/{RESULT}"), *_archived(file, survey)):
         try:
-            result = parse_result(read_text(path), path.name)
+            result = result_in(path)
             if result.survey is not None and result.survey.machine == survey.identity.machine:
                 ended = result.survey.ended or result.survey.date
                 found[ended, path.parent] = (

@@ -11,11 +11,10 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.files import read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.result.interval import Interval
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.result.result import Result, result_in
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.demo.files import (
@@ -114,7 +113,7 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
         control: verify(bench, control, _files(round_folder, control))
         for control in ("siemens", "fanuc")
     }
-    result = parse_result(read_text(round_folder / "result.json"), "result.json")
+    result = result_in(round_folder / "result.json")
     reach = {
         str(form.name): verify(bench, form.control, files)
         for form, files in exported(folder / "reach", result)

@@ -12,9 +12,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.files import read_text
 from stepdiag.base.messages import message
-from stepdiag.base.result.result import parse_result
+from stepdiag.base.result.result import result_in
 from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
@@ -72,7 +71,7 @@ def undated(folder: Path) -> str:
     """Return the message that the time of a finished survey is unknown: the clock was never set and
     no time was stated; empty for a known time.
     """
-    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    result = result_in(folder / RESULT, str(folder / RESULT))
     return next(
         (
             str(found.words)
@@ -90,7 +89,7 @@ def add(folder: Path, store: Store) -> Added:
     results; UsageError if the store cannot be written. A half-way end leaves a survey that is not
     listed; the next call completes it.
     """
-    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    result = result_in(folder / RESULT, str(folder / RESULT))
     logs = [log for log in logs_in(folder) if log.suffix == ".mcap"]
     name = _name_of(logs)
     facts = about(result, name)

@@ -21,6 +21,7 @@ from stepdiag.fleet.series import (
     Series,
     Survey,
     by_volume,
+    middle_of,
     parted,
     stated,
 )
@@ -238,8 +239,7 @@ def _series(
         *(columns.lists_of(name, rows) for name in ("positions", "values", "us"))
     )
     if len(nodes) == 1:
-        middle = shown[:, 2:].mean(axis=1)
-        at = np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
+        at = middle_of(shown)
     return Series(
         machine=machine,
         quantity=columns.of("quantity", rows[0]),

@@ -171,6 +171,13 @@ def _doubt(survey: Survey, now: datetime) -> Message | None:
     return None
 
 
+def middle_of(shown: Array) -> Array:
+    """Return the figures to compare, shape (surveys, 1): the middle of an interval, or the figure
+    as shown (value, u, low, high) if it has none."""
+    middle = shown[:, 2:].mean(axis=1)
+    return np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
+
+
 def by_volume(series: Series) -> Iterator[Series]:
     """Yield a figure of the volume over each volume by itself, the newest's first."""
     left = list(range(len(series.surveys)))

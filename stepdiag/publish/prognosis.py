@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.errors import StepdiagError
-from stepdiag.base.files import read_text
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.result.result import Result, result_in
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.series import OF_VOLUME, Series, Survey, by_volume, parted, stated
+from stepdiag.fleet.series import OF_VOLUME, Series, Survey, by_volume, middle_of, parted, stated
 from stepdiag.fleet.trend import Trend, trends_of
 
 
@@ -61,14 +60,13 @@ def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[S
                 for row in rows
             ]
         )
-        middle = shown[:, 2:].mean(axis=1)
         whole = Series(
             machine="",
             quantity=quantity,
             unit=rows[0].unit,
             surveys=tuple(survey for survey, _ in stating),
             nodes_mm=np.zeros(1),
-            values=np.where(np.isfinite(middle), middle, shown[:, 0])[:, None],
+            values=middle_of(shown),
             u=shown[:, 1:2],
             common=np.array([(row.u_common or 0.0) / row.u if row.u else 0.0 for row in rows]),
             shown=shown,
@@ -80,7 +78,7 @@ def _results(folder: Path) -> Iterator[tuple[Survey, Result]]:
     with suppress(OSError):
         for each in round_folders(folder):
             with suppress(StepdiagError, OSError):
-                result = parse_result(read_text(each / RESULT), each.name)
+                result = result_in(each / RESULT, each.name)
                 facts = about(result, each.name)
                 active, standing = stated(facts.conditions)
                 yield (

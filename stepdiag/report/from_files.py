@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stepdiag.base.files import read_text
 from stepdiag.base.readings.readings import parse_readings
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.result.result import Result, result_in
 from stepdiag.conclusion import conclude
 from stepdiag.exporters.files.sets import SUMS
 from stepdiag.report.certificate import AsLeft, as_left, read_letterhead
@@ -59,7 +59,7 @@ def report_from(of: ReportFiles) -> Report:
 
 
 def _result(path: Path) -> Result:
-    return parse_result(read_text(path), path.name)
+    return result_in(path)
 
 
 def _exports(paths: Sequence[Path]) -> list[list[Path]]:

@@ -197,21 +197,18 @@ def line_named(found: Finding) -> str:
     """Return the line of the survey file named by a finding as the cause; empty for another
     finding.
     """
-    return _line(found) if found.message is not None and found.message.key in _NAMING else ""
+    return _line(found, _NAMING)
 
 
 def line_to_correct(found: Finding) -> str:
     """Return the line of the survey file that cures what a finding is about, the stops or the air;
     empty for another finding."""
-    return (
-        _line(found)
-        if found.message is not None and found.message.key in (*_NAMING, "conditions-held.unit")
-        else ""
-    )
+    return _line(found, _NAMING | {"conditions-held.unit"})
 
 
-def _line(found: Finding) -> str:
-    return str(found.message.arguments["line"]) if found.message is not None else ""
+def _line(found: Finding, keys: frozenset[str]) -> str:
+    words = found.message
+    return "" if words is None or words.key not in keys else str(words.arguments["line"])
 
 
 def _is_alike(found: Finding) -> bool:

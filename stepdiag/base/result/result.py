@@ -4,11 +4,13 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.files import read_text
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
 from stepdiag.base.messages import message
@@ -341,6 +343,14 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return steady(value, DECIMALS)
     return value
+
+
+def result_in(path: Path, source: str = "") -> Result:
+    """Return the result in a file, named ``source`` in refusals (the file's name if empty).
+
+    Raises UsageError or DataError for a file that is missing, altered or no result.
+    """
+    return parse_result(read_text(path), source or path.name)
 
 
 def parse_result(text: str, source: str = "result.json") -> Result:
