@@ -18,17 +18,10 @@ WORSE, ROUNDING_UM = 1.02, 0.3
 
 def print_sequences(rounds: int, *, proof: bool = False) -> None:
     """Print the counts of so many rounds over all sequences, each on a machine of its own."""
-    from testkit.exact.hasty import Story, lived, stories
-
-    def right(story: Story) -> bool:
-        return (
-            story.listed == "all"
-            and story.done in ("whole", "twice")
-            and story.on == ("none" if story.stated == "off" else "all")
-        )
+    from testkit.exact.hasty import NEEDED, lived, stories
 
     ends: Counter[str] = Counter()
-    quiet, refused, of = [], 0, 0
+    quiet, refused, needed, of = [], 0, 0, 0
     with tempfile.TemporaryDirectory() as folder:
         for number, story in enumerate(each for _ in range(rounds) for each in stories()):
             why, before_um, after_um = lived(
@@ -39,15 +32,16 @@ def print_sequences(rounds: int, *, proof: bool = False) -> None:
                 quiet.append(
                     f"{story}, seed {FIRST_SEED + number}: {before_um:.2f} -> {after_um:.2f} um"
                 )
-            of += right(story)
-            refused += right(story) and bool(why)
+            of += story.right
+            refused += story.right and why not in ("", NEEDED)
+            needed += story.right and why == NEEDED
     print(
         f"{sum(ends.values())} sequences: "
         f"{', '.join(f'{end} {count}' for end, count in ends.most_common())}"
     )
     print(
         f"{len(quiet)} end with exit code 0 and a machine that is worse; {refused} of {of} right "
-        "ones are refused"
+        f"ones are refused, {needed} need a proof run"
     )
     print("\n".join(quiet))
 
