@@ -39,10 +39,11 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.field import from_first
 from stepdiag.base.result.result import Function, Result
-from stepdiag.base.volume import Vector
+from stepdiag.base.volume import Vector, rms
 from stepdiag.exporters.safety.verdicts.regression import regress
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
+from stepdiag.exporters.tables.fit import line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, summed_um
 
@@ -163,7 +164,29 @@ def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table
             )
     if old_urad == 0.0:
         return None
-    return _seen(name, tables, found.value / old_urad, found.u / abs(old_urad))
+    lines_urad, u_urad = (
+        _lines_urad(result, name) if tables[0].law.ends == "extended" else (0.0, 0.0)
+    )
+    return _seen(
+        name,
+        tables,
+        (found.value + lines_urad) / old_urad,
+        float(np.hypot(found.u, u_urad)) / abs(old_urad),
+    )
+
+
+def _lines_urad(result: Result, name: str) -> tuple[float, float]:
+    """Return the turn of the best lines of both straightnesses of a squareness with its standard
+    uncertainty: a control with one slope a pair holds them beside it."""
+    turned, variance = 0.0, 0.0
+    for function, sign in SQUARENESS_SLOPE[name].items():
+        found = result.errors.get(function)
+        if found is not None and found.value is not None and len(found.value) > 1:
+            at = found.position_mm
+            turned += sign * 1000.0 * line_um_mm(at, from_first(found.value, at, shape=True))
+            spread = np.sqrt(len(at)) * float(np.std(at))
+            variance += 0.0 if found.u is None else (1000.0 * rms(found.u) / spread) ** 2
+    return turned, float(np.sqrt(variance))
 
 
 def _seen(

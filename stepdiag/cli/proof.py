@@ -182,7 +182,12 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
     if as_json:
         typer.echo(
             json.dumps(
-                {"action": verdict.action, "tables": _tables_json(verdict), "sign_tests": records},
+                {
+                    "action": verdict.action,
+                    "tables": _tables_json(verdict),
+                    "further": verdict.further,
+                    "sign_tests": records,
+                },
                 indent=2,
             )
         )

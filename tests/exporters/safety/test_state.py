@@ -16,6 +16,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.state import UNPROVEN, proof_needed, shares, state_findings
 from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.tables import Table
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
@@ -284,3 +285,26 @@ def _on(existing):
     from stepdiag.base.compensation import stated
 
     return stated("on", {file.name: file.data for file in existing}, date(2026, 6, 1), "archive")
+
+
+def test_a_control_with_one_slope_a_pair_is_compared_with_the_lines_of_both_functions() -> None:
+    """The coefficients of matrixkins hold the best lines of two bows beside the squareness: off,
+    the survey finds all of them, whatever the bows are."""
+    linuxcnc, dice = controller_named("linuxcnc"), np.random.default_rng(4)
+    for _ in range(20):
+        old = {
+            name: list(each - np.linspace(each[0], each[-1], 5)) if name[1] != name[2] else each
+            for name, each in drawn(dice).items()
+        }
+        square = {
+            name: float(each)
+            for name, each in zip(("C0Y", "B0Z", "A0Z"), 20 * dice.normal(size=3), strict=True)
+        }
+        result = made_result(old, squareness=square, u_um=0.05)
+        fit = fitted(result)
+        tables = linuxcnc.plan(fit.curves, profile_of("linuxcnc", VOLUME)).tables
+        found = {
+            share.name: share.value for share in shares(result, tables) if share.name in square
+        }
+        assert found
+        assert all(abs(value - 1.0) < 0.02 for value in found.values()), found
