@@ -24,11 +24,13 @@ BEFORE: Mapping[str, str] = {
     "fanuc": "Punch pitch data and parameters out (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH)",
     "heidenhain": "Copy the .COM tables and the .CMA file out of the control",
     "beckhoff": "Copy the files of the folder that the configuration names, axis lists with their "
-    "lr_param.ssfk",
+    "lr_param.ssfk (an NC program shows by V.A.LEAD_COMP_ACTIVE.X and V.A.CROSS_COMP_ACTIVE.X "
+    "whether they act)",
     "mitsubishi": "Write the parameters out, or key the list in from the screen",
     "fagor": "Copy the leadscrew tables out of the control",
 }
-"""Reading out what a control holds before loading, where no program of the export compares it."""
+"""Reading out what a control holds before loading, where no program of the export compares it.
+V.A. variables: Beckhoff infosys, tf5200_axis_compensation, 308731019."""
 STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
     "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM "
