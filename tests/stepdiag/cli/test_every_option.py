@@ -133,6 +133,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--custody": ["--custody", "."],
             "--key-certificate": ["--key-certificate", "none.pem"],
             "--json": ["--json"],
+            "--before": ["--before", "AX_EEC.INI"],
             "--read-back": ["--read-back", "AX_EEC.INI"],
             **STATED,
         },
