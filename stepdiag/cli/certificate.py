@@ -11,7 +11,7 @@ from stepdiag.base.messages import message
 from stepdiag.cli.fleet import extra_needed
 from stepdiag.terminal.viewer import print_words
 
-JUDGED_WRONG = 5
+JUDGED_WRONG, UNDECIDED = 5, 3
 MOST_CERTIFICATES = 100
 """Certificates of a survey before the names run out."""
 

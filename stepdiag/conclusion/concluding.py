@@ -19,6 +19,7 @@ from stepdiag.conclusion.verdict import judged_in, verdict_sentences
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.exporters.proof.judge import PROOF
+from stepdiag.exporters.safety.state import proof_needed
 from stepdiag.exporters.safety.verify import STRETCH
 
 MOST_WRONG = 5
@@ -48,7 +49,7 @@ LEAST_SHARE = 0.1
 class Export:
     """The outcome of an export: ``refused`` gives the reason for missing files, ``untested`` names
     the tables with an untested sign, ``harmed`` the stretches in which the machine would err more
-    with its files than without.
+    with its files than without; ``unproven`` files are a promise only after a proof run.
     """
 
     controller: str
@@ -56,6 +57,7 @@ class Export:
     untested: tuple[str, ...] = ()
     reach: Reach | None = None
     harmed: tuple[Words, ...] = ()
+    unproven: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +90,7 @@ def export_of(written: ExportReport) -> Export:
         untested=untested,
         reach=reach,
         harmed=harmed_in(written.findings),
+        unproven=proof_needed(written.findings),
     )
 
 
@@ -369,7 +372,8 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
                 },
             )
         else:
-            yield Sentence(key="load_now", arguments={"control": one.controller})
+            key = "load_proof" if one.unproven else "load_now"
+            yield Sentence(key=key, arguments={"control": one.controller})
 
 
 def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]) -> Sentence:
