@@ -15,6 +15,7 @@ from stepdiag.daq.passes.stretches import (
     OnZero,
     Slip,
     Stretches,
+    Unwatched,
     Zero,
     Zeros,
     on_zero,
@@ -85,10 +86,8 @@ class Pass:
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
             code = "window-step" if "window-step" in stop.doubt_codes else "laser-unwatched"
-            self._stretches.unwatched[stretch] = (
-                self._stretch,
-                message("before-stop", why=stop.unwatched, stop=stop.stop),
-                code,
+            self._stretches.unwatched[stretch] = Unwatched(
+                self._stretch, stop.stop, stop.unwatched, code
             )
         if slip_um is not None:
             self._stretches.slips[stretch] = Slip(stop.stop, slip_um)
@@ -211,6 +210,27 @@ class Pass:
             way=self.way,
             last=len(self.route) - 1,
         )
+
+    def stretch_at(self, index: int) -> int | None:
+        """Return the stretch of count of the measurement in use at a stop; None without one."""
+        return self._used[index].stretch if index in self.chosen() else None
+
+    def cuts(self) -> dict[int, Unwatched]:
+        """Return the unwatched times of the readings in use, by the stretch afterwards: of those
+        between a stop and the next."""
+        return {
+            stretch: cut
+            for stretch, cut in self._stretches.unwatched.items()
+            if cut.code == "laser-unwatched"
+            and cut.before == stretch - 1
+            and (self.stretch_at(cut.stop - 1), self.stretch_at(cut.stop)) == (cut.before, stretch)
+        }
+
+    def judge(self, cut: Unwatched, *, proven: bool, unproven: Words = "") -> None:
+        """Take whether the count is proven to have held over an unwatched time, or why not."""
+        if (proven, unproven) != (cut.proven, cut.unproven):
+            cut.proven, cut.unproven = proven, unproven
+            self._zeros = self._chosen = None
 
     def _zero_at(self, index: int) -> Zero | None:
         return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None

@@ -91,8 +91,8 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(
     )
     daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer))
     expect(page.locator("#ahead")).to_have_text(
-        "Angles of about 30 µrad. Next: diagonal X-Y-Z- to X+Y+Z+ (ppp) on a line shifted by "
-        "150 mm in z. 2.2 -> 0.9 µm, 33 min."
+        "Angles of about 30 µrad. Largest gain: diagonal X-Y-Z- to X+Y+Z+ (ppp) on a line "
+        "shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
     )
     page.locator("#language").click()
     expect(page.locator("#ahead")).to_contain_text("verschoben um 150 mm in z. 2,2 -> 0,9 µm")

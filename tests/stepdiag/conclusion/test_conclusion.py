@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Budget
@@ -26,6 +26,7 @@ from stepdiag.conclusion import (
     conclusion_json,
     contributions_of,
     export_of,
+    loadable,
     render,
     words_of,
 )
@@ -558,3 +559,27 @@ class TestUnseenSlip:
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
         assert "(npp), pass 1 out, stop 5: no reading shows them" in words
+
+
+def test_a_proof_run_concludes_with_its_verdict_alone() -> None:
+    """One diagonal and one line state nothing about a machine's errors, and promise nothing."""
+    verdict = finding("warning", message("proof.open", open=["EXX not decided"]))
+    result = replace(made_up_result(), findings=(verdict,))
+    concluded = conclude(result)
+    assert (concluded.next_step.key, concluded.reach) == ("next_proof", None)
+    assert not any(
+        (
+            concluded.wrong,
+            concluded.unknown,
+            concluded.reached,
+            concluded.verdict,
+            concluded.basis,
+            concluded.load,
+        )
+    )
+    assert "does not decide EXX" in render(concluded.next_step, "en")
+
+
+def test_files_that_only_a_proof_run_can_judge_are_loaded_for_it() -> None:
+    (sentence,) = loadable([Export(controller="siemens", unproven=True)])
+    assert sentence.key == "load_proof"
