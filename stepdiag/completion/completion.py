@@ -21,7 +21,7 @@ from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
-from stepdiag.completion.exchanged import exchanged
+from stepdiag.completion.exchanged import with_line
 from stepdiag.completion.one_scale import one_scale
 from stepdiag.completion.proof import proof_findings
 from stepdiag.daq.capture.remarks.unchecked import unchecked
@@ -156,12 +156,11 @@ def solve_logs(
         straightness=head.straightness,
         assumed=assumed,
     )
-    contradicted = (*one_scale(survey, result), *exchanged(survey, readings, assumed))
     solved = (
         *head.findings,
         *twice,
-        *result.findings,
-        *contradicted,
+        *(with_line(survey, each) for each in result.findings),
+        *one_scale(survey, result),
         *assumed_findings(survey, len(readings), unmeasured),
     )
     replayed.book.suspect(suspected(replayed.book, solved))
