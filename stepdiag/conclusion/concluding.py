@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Words, joined
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.readings import pass_words
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
 from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, UnseenSlip
@@ -237,8 +238,8 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
-        yield Sentence(key="unknown_slip_any", arguments={"place": blind.place})
-    passes = [name for one in slips for name in one.passes]
+        yield Sentence(key="unknown_slip_any", arguments={"place": blind.where})
+    passes = [pass_words(name) for one in slips for name in one.passes]
     worst = max(
         (one for one in slips if one.half_um is not None),
         key=lambda one: one.volume_um or 0.0,
@@ -249,7 +250,7 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
         yield Sentence(
             key="unknown_slip",
             arguments={
-                "place": worst.place,
+                "place": worst.where,
                 **{name: _um(size or 0.0) for name, size in sizes.items()},
             },
         )
@@ -257,7 +258,7 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
         readings_um = max(one.readings_um or 0.0 for one in slips)
         yield Sentence(
             key="unknown_slip_passes",
-            arguments={"passes": ", ".join(passes), "readings": _um(readings_um)},
+            arguments={"passes": joined(passes), "readings": _um(readings_um)},
         )
 
 
