@@ -71,6 +71,18 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     )
 
 
+def test_a_proof_run_ends_with_its_verdict_alone(page: Page, daemon: Served) -> None:
+    """A diagonal and a line state nothing about the machine's errors: no empty panel stands
+    there."""
+    words = [{"en": "Proof run: keep them.", "de": "Nachweis: behalten."}]
+    page.route("**/conclusion.json", lambda route: route.fulfill(json={"next_step": words}))
+    daemon.do(daemon.survey.complete)
+    expect(page.locator("#advice")).to_have_text("Next step: Proof run: keep them.")
+    for name in ("conclusion", "field", "result"):
+        expect(page.locator(f"#{name}")).to_be_hidden()
+    expect(page.locator("#bundles")).to_be_visible()
+
+
 def test_a_control_gets_one_bundle_whose_sums_hold(
     page: Page, daemon: Served, tmp_path: Path
 ) -> None:

@@ -60,6 +60,9 @@ function conclusion(document_, geometry) {
   const words = (section) => (document_[section] || []).map((one) => one[language]);
   const list = (section) => (words(section).length ? [node("h3", {}, say(`conclusion_${section}`)), node("ul", { class: section }, ...words(section).map((one) => node("li", {}, one)))] : []);
   next = document_.next_step;
+  // the verdict of a proof run stands at the head, and states nothing about the machine's errors
+  const verdictAlone = !["reached", ...SECTIONS].some((section) => words(section).length);
+  for (const id of ["conclusion", "field", "result"]) document.getElementById(id).closest("section").hidden = verdictAlone;
   show(
     "conclusion",
     node("ul", { class: "reached" }, ...words("reached").map((one) => node("li", {}, one))),
