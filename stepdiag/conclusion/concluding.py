@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Words, joined
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.names import BODY_DIAGONALS
-from stepdiag.base.readings.readings import pass_words
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
 from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, UnseenSlip
@@ -239,7 +238,7 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
         yield Sentence(key="unknown_slip_any", arguments={"place": blind.where})
-    passes = [pass_words(name) for one in slips for name in one.passes]
+    passes = [name for one in slips for name in one.passes]
     worst = max(
         (one for one in slips if one.half_um is not None),
         key=lambda one: one.volume_um or 0.0,
@@ -258,8 +257,16 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
         readings_um = max(one.readings_um or 0.0 for one in slips)
         yield Sentence(
             key="unknown_slip_passes",
-            arguments={"passes": joined(passes), "readings": _um(readings_um)},
+            arguments={"passes": _of_setups(passes), "readings": _um(readings_um)},
         )
+
+
+def _of_setups(passes: Iterable[str]) -> Words:
+    """Return passes, each written ``ppp/1``, by setup."""
+    numbers: dict[str, list[int]] = {}
+    for setup, _, number in (one.partition("/") for one in passes):
+        numbers.setdefault(setup, []).append(int(number))
+    return joined([message("passes-of", setup=one, passes=every) for one, every in numbers.items()])
 
 
 def _standing(result: Result) -> list[str]:

@@ -280,12 +280,6 @@ def _yes_or_no(fields: dict[str, str], name: str, where: str) -> bool:
     return text == "1"
 
 
-def pass_words(place: str) -> Message:
-    """Return the pass of a place ``ppp/1`` in words."""
-    setup, _, number = place.partition("/")
-    return PassKey(setup, int(number)).words
-
-
 def _setup_name(name: str, where: str) -> str:
     try:
         return setup_of(name, names=SETUP_NAMES).name
