@@ -272,7 +272,7 @@ class Pass:
                 else message("again-or-accept", why=words)
             )
         doubted = self._doubted(still)
-        stops, why = _listed(doubted), self.doubt(doubted[0])
+        stops, why = doubted, self.doubt(doubted[0])
         if self.is_driven:
             return message("or-accept", why=message("stops-why", stops=stops, why=why))
         if not self._may_go_on():
@@ -285,14 +285,13 @@ class Pass:
         missing = self.missing
         if not missing:
             return self.why_doubtful()
-        listed = _listed(missing)
         again = (
             message("again-from-or-whole", stop=self.again_from())
             if self._may_go_on()
             else message("whole-pass-again")
         )
         if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
-            return message("stops-misfit", stops=listed, misfit_um=misfit_um)
+            return message("stops-misfit", stops=missing, misfit_um=misfit_um)
         lost = [index for index in missing if index in self.measured]
         if lost:
             reasons = [
@@ -302,8 +301,8 @@ class Pass:
                 if entry.stop.broken
             ]
             why = reasons[0] if reasons else message("count-was-lost")
-            return message("stops-without-start", stops=listed, why=why, again=again)
-        return message("stops-missing", stops=listed, again=again)
+            return message("stops-without-start", stops=missing, why=why, again=again)
+        return message("stops-missing", stops=missing, again=again)
 
     def again_from(self) -> int:
         """Return the stop from which to drive again; 0: the whole pass."""
@@ -335,7 +334,3 @@ class Pass:
             self.placed
             or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
         )
-
-
-def _listed(stops: Sequence[int]) -> str:
-    return ", ".join(str(index) for index in stops[:6]) + (" .." if len(stops) > 6 else "")
