@@ -39,12 +39,13 @@ explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody 
 
 # libmodbus, Node, snap7's C server, Prometheus, DuckDB, polars, pandas: beside `make test`, for it has eleven of its twelve minutes
 partners: $(VENV)/.ready ## every wire and file against an implementation that nobody here wrote
-	tools/debian gcc libmodbus-dev mbpoll nodejs npm pkg-config prometheus
+	tools/debian gcc libc6-dev libmodbus-dev linuxcnc-uspace linuxcnc-uspace-dev mbpoll nodejs npm pkg-config prometheus
 	npm ci --prefix tests/partners/js --no-fund --no-audit --silent
 	UV_PROJECT_ENVIRONMENT=.setup/partners $(UV) sync --frozen --quiet --all-extras --group partners --python $(PYTHON)
 	test -e .setup/snap7 || $(UV) venv --quiet --python $(PYTHON) .setup/snap7
 	$(UV) pip install --quiet --python .setup/snap7/bin/python --require-hashes -r tools/partners.txt
 	.setup/partners/bin/pytest -q -p no:xdist -m partner tests/partners
+	.setup/partners/bin/pytest -q -p no:xdist tests/system/control/test_tables.py tests/system/control/test_proof.py
 
 # every change: a night; a sample: `make mutants COUNT=400 SEED=10`, see docs/testing.md
 mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a test must notice

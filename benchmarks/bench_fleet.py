@@ -12,10 +12,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import parquet
 
 from benchmarks.fleet import generate
 from benchmarks.stand import peak_mb
@@ -25,13 +29,13 @@ from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.archive import add, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import open_surveys, resolve
-from stepdiag.fleet.store import Place, Store, manifest_of, sha256
+from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sha256, unsealed
 from stepdiag.fleet.tables import read_table, to_parquet
 from stepdiag.fleet.trend import trends_of
 
 RESULTS, SURVEYS, NAMES = 8000, 40, 10
 TASKS = 24
-QUERY_S, FUNCTION_BYTES, GAIN, MEMORY_MB = 1.0, 1024, 1.7, 400
+QUERY, FUNCTION_BYTES, GAIN, MEMORY_MB = 8.0, 1024, 1.7, 400
 
 
 def rows(results: int = RESULTS) -> list[Row]:
@@ -65,26 +69,39 @@ def _written(store: Store, place: Place, table: pa.Table) -> None:
 
 
 def _query(store: Store) -> Row:
-    """Return the row of the trend of every quantity of every machine: the best of three, since
-    other programs only add to it."""
-    times = []
+    """Return the row of the trend of every quantity of every machine beside its floor: the best of
+    three, since other programs only add to it."""
+    times, floors = [], []
+    series = series_in(store, datetime.now(UTC))
+    lines = [(np.arange(float(len(each.values))), np.nan_to_num(each.values)) for each in series]
     for _ in range(3):
-        began, computed = time.perf_counter(), time.process_time()
+        computed = time.process_time()
         points = sum(
             len(each.series.surveys)
             for each in trends_of(series_in(store, datetime.now(UTC)), lambda *_: None)
         )
-        times.append((time.perf_counter() - began, time.process_time() - computed))
-    best, computing = min(times)
-    count = len(store.tables())
-    beside = f"{computing:.2f} s of processor time, {points} points"
+        times.append(time.process_time() - computed)
+        computed = time.process_time()
+        _read_bare(store, lines)
+        floors.append(time.process_time() - computed)
+    ratio = min(times) / min(floors)
     return Row(
-        f"fleet: trend of {count} results",
-        f"{best:.2f} s",
-        beside,
-        goal=f"{QUERY_S:g} s",
-        met=best <= QUERY_S,
+        f"fleet: trend of {len(store.tables())} results, {points} points",
+        f"{min(times):.2f} s of a processor",
+        f"read and a straight line each: {min(floors):.2f} s",
+        f"{ratio:.1f}",
+        f"ratio {QUERY:g}",
+        ratio <= QUERY,
     )
+
+
+def _read_bare(
+    store: Store, lines: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+) -> None:
+    """Do the least that a trend does: read the index, and fit a straight line to each quantity."""
+    parquet.read_table(pa.BufferReader(unsealed(store.read(INDEX), INDEX)))
+    for times, values in lines:
+        np.linalg.lstsq(np.stack([np.ones_like(times), times], axis=1), values)
 
 
 def _size(store: Store) -> Row:

@@ -174,7 +174,8 @@ def _joins(last: ReadRange, spec: SignalSpec) -> bool:
 class SignalDecoder:
     """Decodes the blocks of one register map.
 
-    Polls mostly repeat the poll before: an unchanged block gives the same object again.
+    Polls mostly repeat the poll before: an unchanged block gives the same object again, and a
+    signal whose own bytes are unchanged is not decoded again.
     """
 
     def __init__(
@@ -186,7 +187,8 @@ class SignalDecoder:
         self._expressions = expressions
         self._memory = Memory()
         self._ranges: tuple[ReadRange, ...] = ()
-        self._places: dict[str, tuple[tuple[int, int], ...]] = {}
+        self._places: dict[str, tuple[_Found, ...]] = {}
+        self._kept: dict[str, tuple[list[bytes], bool | int | float | None]] = {}
         self._data: tuple[bytes, ...] | None = None
         self._decoded = Signals()
 
@@ -201,7 +203,7 @@ class SignalDecoder:
                 self._places = {
                     name: _find(name, spec, block.ranges) for name, spec in self._signals.items()
                 }
-                self._data = None
+                self._data, self._kept = None, {}
             self._ranges = block.ranges
         if block.data != self._data:
             _check_lengths(block)
@@ -221,16 +223,23 @@ class SignalDecoder:
         return tuple(
             name
             for name, places in self._places.items()
-            if not any(block.data[answer] for answer, _ in places)
+            if not any(block.data[answer] for answer, *_ in places)
         )
 
     def _value(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
         """Return the value of a signal, typed as ``Signals`` declares it."""
+        raw = [data[answer][cut] for answer, _, cut in self._places[name]]
+        if name not in self._kept or self._kept[name][0] != raw:
+            self._kept[name] = raw, self._decoded_value(name, raw)
+        return self._kept[name][1]
+
+    def _decoded_value(self, name: str, raw: list[bytes]) -> bool | int | float | None:
+        """Return the value of a signal from its bytes in each range that holds it."""
         spec = self._signals[name]
         numbers = [
-            _number(spec, data[answer], place)
-            for answer, place in self._places[name]
-            if data[answer]
+            _number(spec, own, place)
+            for (_, place, _), own in zip(self._places[name], raw, strict=True)
+            if own
         ]
         if not numbers:
             return None
@@ -254,10 +263,10 @@ class SignalDecoder:
 
     def _input(self, name: str, data: tuple[bytes, ...], which: int) -> float | None:
         spec = self._signals[name]
-        answer, place = self._places[name][which]
+        answer, place, cut = self._places[name][which]
         if not data[answer]:
             return None
-        value = _number(spec, data[answer], place) * spec.scale + spec.offset
+        value = _number(spec, data[answer][cut], place) * spec.scale + spec.offset
         return value if math.isfinite(value) else None
 
 
@@ -279,12 +288,14 @@ def _check_lengths(block: ModbusBlock) -> None:
             )
 
 
-def _find(
-    name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]
-) -> tuple[tuple[int, int], ...]:
-    """Return which ranges hold the signal, and its place within each."""
+_Found = tuple[int, int, slice]
+"""A range that holds a signal, the signal's place in it, and its bytes in the answer."""
+
+
+def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[_Found, ...]:
+    """Return where the ranges hold a signal."""
     places = tuple(
-        (index, spec.address - asked.address)
+        (index, place := spec.address - asked.address, _cut(spec, place))
         for index, asked in enumerate(ranges)
         if _holds(asked, spec)
     )
@@ -299,12 +310,18 @@ def _find(
     )
 
 
-def _number(spec: SignalSpec, data: bytes, place: int) -> float:
-    """Return the raw number of a signal before scale and offset."""
+def _cut(spec: SignalSpec, place: int) -> slice:
+    """Return the bytes of an answer that hold a signal."""
     if spec.in_bit_table:
-        return data[place // 8] >> place % 8 & 1
+        return slice(place // 8, place // 8 + 1)
     unit = 1 if spec.in_byte_table else 2
-    raw = data[unit * place : unit * (place + spec.width)]
+    return slice(unit * place, unit * (place + spec.width))
+
+
+def _number(spec: SignalSpec, raw: bytes, place: int) -> float:
+    """Return the number of a signal from its own bytes, before scale and offset."""
+    if spec.in_bit_table:
+        return raw[0] >> place % 8 & 1
     if spec.type == "bit":
         return int.from_bytes(raw, "big") >> spec.bit & 1
     ordered = bytes(raw[at] for at in _PLACES[spec.order] if at < len(raw))

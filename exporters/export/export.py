@@ -45,7 +45,7 @@ from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.remarks import missed_um, remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.standing import Standing, standing_findings
-from stepdiag.exporters.safety.state import state_findings
+from stepdiag.exporters.safety.state import UNPROVEN, states
 from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
@@ -100,11 +100,12 @@ def export(
     findings = (
         *run_checks(case),
         *standing_findings(standing, result, case.profile),
-        *state_findings(result, case.previous, case.profile.machine.measured_with),
+        *states(result, control, case.profile),
     )
     where = message("export-of", control=controller)
+    asked = (item for item in findings if item.key != UNPROVEN)
     refuse(
-        (*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))),
+        (*asked, *(item for item in plan.findings if _may_refuse(item, case.profile))),
         accept,
         where,
     )

@@ -9,7 +9,8 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.result.basis import Basis, basis_of, scales_in_words
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, movement_um
-from stepdiag.exporters.safety.read_back import STEPS
+from stepdiag.exporters.safety.read_back import BEFORE, STEPS
+from stepdiag.exporters.safety.state import proof_needed
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
@@ -21,7 +22,7 @@ def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction:
     sections = (
         _head(case),
         _findings(findings),
-        _effect(case, prediction),
+        _effect(case, prediction, unproven=proof_needed(findings)),
         _basis(basis_of(case.result)),
         _tables(case, plan),
         _changes(case),
@@ -71,8 +72,10 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
         )
 
 
-def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
+def _effect(case: Case, prediction: Prediction, *, unproven: bool) -> Iterator[str]:
     yield "PREDICTED VOLUMETRIC ERROR anywhere in the volume, in µm (k = 2)"
+    if unproven:
+        yield "  NO PROMISE before the proof run (`stepdiag proof`): see compensation-contradicted"
     yield f"  {'':<30}{'rms':>16}{'largest':>16}"
     for name, figures in prediction.predicted.parts().items():
         for when, found in figures.items():
@@ -159,13 +162,22 @@ def _changes(case: Case) -> Iterator[str]:
                 )
 
 
+def _before(case: Case) -> Iterator[str]:
+    """Yield the first step on a control without a loading program that compares what it holds."""
+    if case.controller.name in BEFORE:
+        yield (
+            f"{BEFORE[case.controller.name]}, and compare: `stepdiag verify RESULT FOLDER "
+            "--profile PROFILE --before FILE...`. Load only where it ends with exit code 0."
+        )
+
+
 def _steps(case: Case) -> Iterator[str]:
     yield "LOADING"
     untested = (
         "Files named _UNTESTED_SIGN: make the sign test first, then export again with its record "
         "in the profile."
     )
-    steps = (*case.controller.instructions(case.profile), untested)
+    steps = (*_before(case), *case.controller.instructions(case.profile), untested)
     yield from (f"  {number}. {step}" for number, step in enumerate(steps, start=1))
     if case.controller.name in STEPS:
         yield "READ BACK"

@@ -243,9 +243,13 @@ class LinuxCnc:
                 "unit of [TRAJ]LINEAR_UNITS."
             ),
             (
-                "Copy the .comp files beside the INI file and change it as ini_lines.txt says; "
-                "what "
-                "that does not name stays."
+                "Copy this folder to the control and run `/usr/bin/python3 load_comp.py "
+                "MACHINE.ini` in it: it compares the COMP_FILEs that the INI file names with "
+                "machine.existing, and only then copies the new ones and changes the INI file."
+            ),
+            (
+                "By hand: copy the .comp files beside the INI file and change it as "
+                "ini_lines.txt says; what that does not name stays."
             ),
             (
                 "COMP_FILE switches [JOINT_n]BACKLASH off: half of it is in each of the two "
@@ -270,9 +274,9 @@ class LinuxCnc:
                 "not show the correction."
             ),
             (
-                "If the residual has grown: copy the _RESTORE files under their plain names, "
-                "change "
-                "the INI file by ini_lines_RESTORE.txt."
+                "If the residual has grown: `load_comp.py MACHINE.ini --restore`, or copy the "
+                "_RESTORE files under their plain names, change the INI file by "
+                "ini_lines_RESTORE.txt."
             ),
         )
 

@@ -1,5 +1,5 @@
 """Reading the numbers back from a running LinuxCNC: a program that stops at every row from both
-sides, and a reader of HAL beside it.
+sides, and a reader of HAL beside it; and the script that loads the COMP_FILEs.
 """
 
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from importlib.resources import files as resources
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.tables import Table
 
-NAMES = ("READ_BACK.ngc", "stepdiag_back.py")
+NAMES = ("READ_BACK.ngc", "stepdiag_back.py", "load_comp.py")
 _BEYOND = 1.0
 """Distance beyond the first and last row, in units of the machine, for an arrival from both
 sides.
@@ -20,7 +20,8 @@ _FEED_MM_MIN = 6000
 
 
 def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFile, ...]:
-    """Return program and reader for the tables of screws; nothing without them."""
+    """Return program and reader for the tables of screws, and the loader that compares what the
+    configuration holds; nothing without tables."""
     if not screws:
         return ()
     lines = [
@@ -38,8 +39,11 @@ def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFil
         rows = next(table.position_mm for table in screws if table.input_axis == letter) / unit_mm
         stops = [rows[0] - _BEYOND, *rows, rows[-1] + _BEYOND, *rows[::-1]]
         lines += [line for at in stops for line in (f"G1 {letter}{at:.6f}", f"G4 P{_DWELL_S}")]
-    reader = resources("stepdiag.exporters.linuxcnc").joinpath(NAMES[1]).read_bytes()
+    scripts = resources("stepdiag.exporters.linuxcnc")
     program = ControlFile(
         name=NAMES[0], data="\n".join([*lines, "M2", ""]).encode("ascii"), role="note"
     )
-    return program, ControlFile(name=NAMES[1], data=reader, role="note")
+    return program, *(
+        ControlFile(name=name, data=scripts.joinpath(name).read_bytes(), role="note")
+        for name in NAMES[1:]
+    )

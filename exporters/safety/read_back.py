@@ -1,4 +1,5 @@
-"""Contents read out of a control, against an export: number by number, with switches and weights.
+"""Contents read out of a control, against an export, or before loading against the machine's own
+files: number by number, with switches and weights.
 
 A half-way end of a loading, an old file loaded again, a forgotten switch: all these stand in the
 control's own numbers and in no statement. Compared are the tables as the control's law reads them
@@ -19,6 +20,17 @@ from stepdiag.exporters.tables.controller import Controller, Switching
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
+BEFORE: Mapping[str, str] = {
+    "fanuc": "Punch pitch data and parameters out (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH)",
+    "heidenhain": "Copy the .COM tables and the .CMA file out of the control",
+    "beckhoff": "Copy the files of the folder that the configuration names, axis lists with their "
+    "lr_param.ssfk (an NC program shows by V.A.LEAD_COMP_ACTIVE.X and V.A.CROSS_COMP_ACTIVE.X "
+    "whether they act)",
+    "mitsubishi": "Write the parameters out, or key the list in from the screen",
+    "fagor": "Copy the leadscrew tables out of the control",
+}
+"""Reading out what a control holds before loading, where no program of the export compares it.
+V.A. variables: Beckhoff infosys, tf5200_axis_compensation, 308731019."""
 STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
     "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM "
@@ -63,6 +75,31 @@ def compare(
     Raises ``DataError`` for a file of another control.
     """
     wanted = controller.parse([file for file in written if file.role == "data"], profile)
+    return _compared(controller, wanted, held, profile, switched=True)
+
+
+def compare_before(
+    controller: Controller, held: Sequence[ControlFile], profile: Profile
+) -> ReadBack:
+    """Return the comparison of what the control holds before loading with the machine's own files
+    of the profile, and with nothing where it names none; switches are compared where tables acted
+    while measuring.
+
+    Raises ``DataError`` for a file of another control.
+    """
+    acted = profile.machine.measured_with == "on"
+    wanted = controller.standing(profile.existing, (), profile) if profile.existing else ()
+    return _compared(controller, wanted, held, profile, switched=acted)
+
+
+def _compared(
+    controller: Controller,
+    wanted: Sequence[Table],
+    held: Sequence[ControlFile],
+    profile: Profile,
+    *,
+    switched: bool,
+) -> ReadBack:
     plain = [as_data(file) for file in held]
     try:
         findings = [*_of_tables(wanted, controller.parse(plain, profile))]
@@ -74,7 +111,7 @@ def compare(
             raise
         findings = [finding("error", message("read-back-differs.unfit", why=error.message))]
     stated: Mapping[str, str] = {}
-    if isinstance(controller, Switching):
+    if switched and isinstance(controller, Switching):
         stated, now = controller.switches(wanted, profile), controller.held_switches(plain)
         findings += [
             finding(

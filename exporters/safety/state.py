@@ -21,24 +21,30 @@ takes the odds away if neither of the two fits; and for each table by itself wit
 A single table among several that fits the other state, for the size shown by the others, is a
 forgotten switch: a question that names it.
 
-A statement against odds of more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about,
-and so is a share that ordinary tables show in neither state (`NEITHER`): a table of twice the size
-that is off and a table of two thirds that is on both show this share. Functions are judged by kind
-of table, so that a single forgotten switch shows.
+A statement with odds of `CERTAIN` against it is refused, with odds of `CERTAIN` for it is shown by
+the data. Between the two the data do not decide: a table of twice the size that is off and a table
+of two thirds that is on show the same share. With odds of `DOUBTED` against it, and for a single
+table in the other state, a person is asked; in any case the prediction is a promise only after a
+proof run. Functions are judged by kind of table, so that a single forgotten switch shows.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
 
+import msgspec
 import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.field import from_first
 from stepdiag.base.result.result import Function, Result
-from stepdiag.base.volume import Vector
+from stepdiag.base.volume import Vector, rms
 from stepdiag.exporters.safety.verdicts.regression import regress
+from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
+from stepdiag.exporters.tables.fit import line_um_mm
+from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 SIZES = 0.25
@@ -52,14 +58,14 @@ SEEN = 0.3
 """A share less certain than this is no evidence: the old table is no larger than the survey's
 uncertainty.
 """
-CONTRADICTED, DOUBTED = 20.0, 4.0
-"""Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is
-asked."""
-NEITHER = (0.43, 0.71)
-"""Shares of tables of 0.7 to 1.4 of the right size lie below while they act, and above while they
-do not."""
+CERTAIN, DOUBTED = 20.0, 4.0
+"""Odds that decide, as a name of a cause needs them; odds against a statement from which on a
+person is asked."""
 FEWEST_BESIDE = 2
 """So many other tables of a kind have to show the size before one of them is judged by itself."""
+CONTRADICTED: Final = "compensation-contradicted"
+UNPROVEN: Final = "compensation-contradicted.unproven"
+"""The code of every sentence about the state, and the key of what only a proof run decides."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
 """Standard deviation of the share of a table of something else, and the odds of such a table beside
 a state.
@@ -158,7 +164,29 @@ def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table
             )
     if old_urad == 0.0:
         return None
-    return _seen(name, tables, found.value / old_urad, found.u / abs(old_urad))
+    lines_urad, u_urad = (
+        _lines_urad(result, name) if tables[0].law.ends == "extended" else (0.0, 0.0)
+    )
+    return _seen(
+        name,
+        tables,
+        (found.value + lines_urad) / old_urad,
+        float(np.hypot(found.u, u_urad)) / abs(old_urad),
+    )
+
+
+def _lines_urad(result: Result, name: str) -> tuple[float, float]:
+    """Return the turn of the best lines of both straightnesses of a squareness with its standard
+    uncertainty: a control with one slope a pair holds them beside it."""
+    turned, variance = 0.0, 0.0
+    for function, sign in SQUARENESS_SLOPE[name].items():
+        found = result.errors.get(function)
+        if found is not None and found.value is not None and len(found.value) > 1:
+            at = found.position_mm
+            turned += sign * 1000.0 * line_um_mm(at, from_first(found.value, at, shape=True))
+            spread = np.sqrt(len(at)) * float(np.std(at))
+            variance += 0.0 if found.u is None else (1000.0 * rms(found.u) / spread) ** 2
+    return turned, float(np.sqrt(variance))
 
 
 def _seen(
@@ -227,12 +255,13 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
     return np.asarray(-np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2 - 0.5 * unlike)
 
 
-def apart(group: Judged, *, acted: bool) -> list[str]:
+def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
     """Return the tables of a group, few among the others, that were in the other state than
     ``acted`` while all the others show ``acted``.
 
-    The others show the size of the tables; the state of a single table is compared for this size. A
-    table that fits neither is of something else. A squareness has no switch of its own.
+    The others show the size of the tables; the state of a single table is compared for this size,
+    and its other state has odds of more than ``least``. A table that fits neither is of something
+    else. A squareness has no switch of its own.
     """
     found = []
     for share in group.shares:
@@ -246,46 +275,66 @@ def apart(group: Judged, *, acted: bool) -> list[str]:
         if (
             share.name not in SQUARENESS_SLOPE
             and len(rest) >= FEWEST_BESIDE
-            and odds > np.log(DOUBTED)
+            and odds > np.log(least)
         ):
             found.append(share.name)
     return found if len(found) <= len(group.shares) - FEWEST_BESIDE else []
 
 
+def states(result: Result, controller: Controller, profile: Profile) -> Iterator[Finding]:
+    """Yield what the data make of the statement about the machine's own tables: those that acted,
+    and those that their switches held back while others acted (`state_findings`)."""
+    acting = controller.standing(profile.existing, (), profile) if profile.existing else ()
+    yield from state_findings(result, acting, profile.machine.measured_with)
+    if profile.machine.measured_with == "on":
+        machine = msgspec.structs.replace(profile.machine, measured_with="off")
+        every = controller.standing(profile.existing, (), replace(profile, machine=machine))
+        acted = {table.identity for table in acting}
+        idle = [table for table in every if table.identity not in acted]
+        yield from state_findings(result, idle, "off")
+
+
 def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
-    """Yield an error where the data contradict what is stated of the compensation ("on" or "off"),
-    a warning where they doubt it."""
+    """Yield, for each kind of table, what the data make of the statement about the compensation
+    ("on" or "off"): an error where they contradict it, a warning where they doubt it or show a
+    single table in the other state, and the warning `UNPROVEN` where they do not show it."""
     for group in judged(shares(result, tables)):
-        against = group.odds["on" if stated == "off" else "off"]
         each = [
             message("share-of-table", name=share.name, share=share.value) for share in group.shares
         ]
-        share, expanded = group.value, 2 * group.u
-        alone = apart(group, acted=stated == "on") if group.odds[stated] > DOUBTED else []
-        if against > CONTRADICTED:
-            text = message(
-                "compensation-contradicted",
-                names=group.names,
-                stated=stated,
-                share=share,
-                expanded=expanded,
-                each=each,
-            )
-            yield finding("error", text)
-        elif against > DOUBTED or (
-            not alone and NEITHER[0] + 1.5 * group.u < group.value < NEITHER[1] - 1.5 * group.u
-        ):
-            text = message(
-                "compensation-contradicted.doubted",
-                names=group.names,
-                stated=stated,
-                share=share,
-                expanded=expanded,
-                each=each,
-            )
-            yield finding("warning", text)
-        elif alone:
+        acted, shown = stated == "on", group.odds[stated] >= CERTAIN
+        against = group.odds["off" if acted else "on"]
+        if shown and (alone := apart(group, acted=acted, least=CERTAIN)):
             yield finding(
                 "warning",
                 message("compensation-contradicted.one", names=alone, each=each, stated=stated),
             )
+        elif against > DOUBTED or not shown or apart(group, acted=acted, least=DOUBTED):
+            text = message(
+                _key(against),
+                names=group.names,
+                stated=stated,
+                share=group.value,
+                expanded=2 * group.u,
+                each=each,
+            )
+            yield finding("error" if against > CERTAIN else "warning", text)
+
+
+def _key(
+    against: float,
+) -> Literal[
+    "compensation-contradicted",
+    "compensation-contradicted.doubted",
+    "compensation-contradicted.unproven",
+]:
+    """Return the key of the sentence for the odds against a statement."""
+    if against > CERTAIN:
+        return CONTRADICTED
+    return "compensation-contradicted.doubted" if against > DOUBTED else UNPROVEN
+
+
+def proof_needed(findings: Iterable[Finding]) -> bool:
+    """Return whether the data leave open which tables acted while measuring: then a proof run
+    decides, and no figure of the prediction is a promise before it."""
+    return any(each.code == CONTRADICTED for each in findings)

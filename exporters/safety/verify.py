@@ -8,7 +8,7 @@ volume, and without the best fitting rigid motion, which depends on the place of
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from stepdiag.exporters.safety.compensation import require_agreement
 from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
+from stepdiag.exporters.safety.state import proof_needed, states
 from stepdiag.exporters.safety.verdicts.judge import judge, judge_missing
 from stepdiag.exporters.safety.verdicts.lattice import judge_lattice
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
@@ -161,6 +162,14 @@ class Verification:
             and not self.prediction.clearly_worse
         )
 
+    @property
+    def verdict(self) -> Literal["right", "wrong", "undecided"]:
+        """Return the verdict on all files: right files whose old tables may have acted otherwise
+        than stated are undecided until a proof run."""
+        if not self.right:
+            return "wrong"
+        return "undecided" if proof_needed(self.findings) else "right"
+
 
 def grid_points_mm(volume: Volume, nodes: int = NODES) -> Vector:
     """Return a regular grid over the volume, shape (nodes ** 3, 3)."""
@@ -282,6 +291,7 @@ def verify_files(
     prediction = predict(result, *standing.acting(result, reading), nodes=nodes)
     findings = (
         *standing_findings(standing, result, reading),
+        *states(result, controller, reading),
         *worse_findings(prediction, standing, result, reading),
         *harm_findings(prediction, result),
     )

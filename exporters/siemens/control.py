@@ -187,7 +187,7 @@ class Siemens:
                 table=table,
                 lines=eec.assignments(table, options.decimals, points),
                 held=held(table),
-                acted=acted,
+                acted=acted and not restore.is_idle(table, profile),
             )
             for table in tables
             if table.kind == eec.KIND
@@ -198,7 +198,7 @@ class Siemens:
                 table=table,
                 lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0),
                 held=held(table),
-                acted=acted,
+                acted=acted and not restore.is_idle(table, profile),
             )
             for table in numbered([table for table in tables if table.kind != eec.KIND])
         ]
@@ -249,12 +249,24 @@ class Siemens:
         tables by number, linked as stored.
 
         A multiplying table acts by itself once its multiplied table is overwritten: nothing takes
-        it out.
+        it out. Where tables acted while measuring, those acted whose switches in the own files are
+        on; loading switches on what it writes, with the axis of a CEC table.
         """
         held: dict[tuple[str, str], Table] = {}
+        written: set[tuple[str, str]] = set()
         for file in (*own, *new):
-            held |= {_seat(table): table for table in self._numbered_in(file, profile)}
-        acting = [table for table in held.values() if _acts(table, profile)]
+            tables = self._numbered_in(file, profile)
+            held |= {_seat(table): table for table in tables}
+            written |= {_seat(table) for table in tables if file in new}
+        outputs = {table.output_axis for seat, table in held.items() if seat in written}
+        idle = {
+            seat
+            for seat, table in held.items()
+            if seat not in written and restore.is_idle(table, profile, outputs)
+        }
+        acting = [
+            table for seat, table in held.items() if seat not in idle and _acts(table, profile)
+        ]
         return joined(acting, ", ".join(file.name for file in (*own, *new)))
 
     def emptied(

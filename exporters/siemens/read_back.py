@@ -5,8 +5,9 @@ Its file has the form of a data file, so that every reader of the machine's own 
 WRITE appends a line to a file of the passive file system, no longer than MD11420 allows (NC
 Programming, SINUMERIK ONE, p. 566); the number of digits of a number joined to a text by "<<" is
 not stated there. DELETE with a fault and a path is read in a published program for the 810D
-(industrialmonitordirect.com, deleting programs with an invalid name). Recalled: AXSTRING, the name
-of an axis as a text.
+(industrialmonitordirect.com, deleting programs with an invalid name). An axis is compared with each
+axis of the machine, for == and <> hold for the type AXIS too (Job Planning, 828D,
+6FC5398-2BP40-0BA0, p. 66): the file names the axis that the control holds.
 """
 
 from collections.abc import Iterator, Sequence
@@ -70,8 +71,8 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
         index, output = table.place["table"], profile.axis(table.output_axis).name
         yield from _points(f"$AN_CEC[{index},", "]", table)
         for name in ("INPUT_AXIS", "OUTPUT_AXIS"):
-            variable = f"$AN_CEC_{name}[{index}]"
-            yield _write(f'"{variable}=("<<AXSTRING({variable})<<")"')
+            for each in profile.axes.values():
+                yield from _named(f"$AN_CEC_{name}[{index}]", each.name, f"{name}_{index}")
         names = [f"$AN_CEC_{name}[{index}]" for name in _CEC_GRID]
         names += [
             f"$SN_CEC_TABLE_ENABLE[{index}]",
@@ -81,6 +82,16 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
     for name in names:
         yield _write(f'"{name}="<<{name}')
     yield "IF FAULT<>0 GOTOF FULL"
+
+
+def _named(variable: str, axis: str, label: str) -> tuple[str, ...]:
+    """Return the lines that write a variable where it holds this axis."""
+    over = f"NOT_{axis}_{label}"
+    return (
+        f"IF {variable}<>{axis} GOTOF {over}",
+        _write(f'"{variable}=({axis})"'),
+        f"{over}:",
+    )
 
 
 def _points(before: str, after: str, table: Table) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ machine's own bytes, and a file of zeros beside them) and as part programs with 
 `stepdiag.exporters.siemens.loader`, which also switch off what was not there.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from stepdiag.base.errors import SafetyError, UsageError
@@ -27,6 +27,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Sense, Table, zeroed
 
 _NOTES = (NO_TABLE_BEFORE,)
+OFF = ("0", "FALSE")
+"""Values of a switch that is off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +59,7 @@ class Old:
         for a table that acted with another weight than 1."""
         held = switches_in(self.profile.existing)
         values = [held[name] for name in switches if name in held]
-        off, known = any(value in ("0", "FALSE") for value in values), len(values) == len(switches)
+        off, known = any(value in OFF for value in values), len(values) == len(switches)
         acted = self.profile.machine.measured_with == "on" and self.enabled is None
         active = not off and (
             known
@@ -162,6 +164,21 @@ def cec_kind(
             if _cec_place(table) not in own
         ),
     )
+
+
+def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bool:
+    """Return whether the own files hold a table as switched off while others acted; the axes
+    ``enabled`` are on for CEC whatever the files hold."""
+    if profile.machine.measured_with == "off":
+        return False
+    if table.kind == eec.KIND:
+        switches = [f"MA_ENC_COMP_ENABLE[{_eec_place(table)}]"]
+    else:
+        switches = [f"SN_CEC_TABLE_ENABLE[{_cec_place(table)}]"]
+        if table.output_axis not in enabled:
+            switches.append(f"MA_CEC_ENABLE[{profile.axis(table.output_axis).name}]")
+    held = switches_in(profile.existing)
+    return any(held.get(name) in OFF for name in switches)
 
 
 def held_lines(profile: Profile) -> Callable[[Table], list[str]]:

@@ -127,11 +127,17 @@ def fitted(
 
 
 def straight_line_um_mm(curve: Curve) -> float:
-    """Return the slope of the straight line that fits the mean of a curve best, every part of its
-    length counting alike."""
-    at = np.linspace(curve.position_mm[0], curve.position_mm[-1], _FINE)
+    """Return the slope of the straight line that fits the mean of a curve best."""
+    return line_um_mm(curve.position_mm, curve.mean_um)
+
+
+def line_um_mm(position_mm: Vector, value_um: Vector) -> float:
+    """Return the slope of the straight line that fits values best, every part of their length
+    counting alike."""
+    at = np.linspace(position_mm[0], position_mm[-1], _FINE)
     from_middle = at - np.mean(at)
-    return float(np.sum(from_middle * curve.at(at)) / np.sum(from_middle**2))
+    value = np.interp(at, position_mm, value_um)
+    return float(np.sum(from_middle * value) / np.sum(from_middle**2))
 
 
 def _pairs() -> Iterator[tuple[str, str]]:

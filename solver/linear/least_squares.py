@@ -186,21 +186,24 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     gives the candidates to full precision; the rows themselves then judge which are null, which
     squaring them could not.
     """
-    held = _pivots(_candidates(system))
+    count = len(system.scale)
+    # what no row touches needs no search: rows of few functions leave most unknowns so
+    idle = np.flatnonzero(system.normal.diagonal == 0)
+    basis = _candidates(system, idle)
+    held = np.append(idle, _pivots(basis))
     elimination = eliminate(system.normal.held(held))
-    if not len(held):
-        return np.zeros((len(system.scale), 0)), held, elimination
-    coupling = system.columns(held)
-    coupling[held] = 0.0
-    exact = -elimination.solve(coupling)
-    exact[held] = np.eye(len(held))
-    basis = system.unseen(
-        np.linalg.qr(_refined(system, exact, held, elimination))[0], NULL_TOLERANCE
-    )
-    if basis.shape[1] < len(held):
-        held = _pivots(basis)
-        elimination = eliminate(system.normal.held(held))
-    return basis, held, elimination
+    if found := basis.shape[1]:
+        coupling = system.columns(held[-found:])
+        coupling[held] = 0.0
+        exact = -elimination.solve(coupling)
+        exact[held[-found:]] = np.eye(found)
+        basis = system.unseen(
+            np.linalg.qr(_refined(system, exact, held, elimination))[0], NULL_TOLERANCE
+        )
+        if basis.shape[1] < found:
+            held = np.append(idle, _pivots(basis))
+            elimination = eliminate(system.normal.held(held))
+    return np.hstack([np.eye(count)[:, idle], basis]), held, elimination
 
 
 def _refined(
@@ -217,31 +220,38 @@ def _refined(
     return refined
 
 
-def _candidates(system: _System) -> Vector:
-    """Return an orthonormal basis of directions that the rows hardly see, by inverse iteration on a
-    growing block."""
-    count = len(system.scale)
-    nearly = eliminate(system.normal.raised(np.full(count, _SHIFT)))
-    size = min(_FIRST_BLOCK, count)
+def _candidates(system: _System, idle: NDArray[np.int64]) -> Vector:
+    """Return an orthonormal basis of directions beside the ``idle`` unknowns that the rows hardly
+    see, by inverse iteration on a growing block."""
+    count, most = len(system.scale), len(system.scale) - len(idle)
+    nearly = eliminate(system.normal.held(idle).raised(np.full(count, _SHIFT)))
+    size = min(_FIRST_BLOCK, most)
     draw = np.random.default_rng(0)
     while True:
-        block = np.linalg.qr(nearly.solve(draw.standard_normal((count, size))))[0]
+        start = draw.standard_normal((count, size))
+        start[idle] = 0.0
+        block = np.linalg.qr(nearly.solve(start))[0]
         image = system.image(block)
         square, mix = np.linalg.eigh(image.T @ image)
         basis: Vector = block @ mix[:, square < _CANDIDATE**2]
-        if basis.shape[1] < size or size == count:
+        if basis.shape[1] < size or size == most:
             return basis
-        size = min(2 * size, count)
+        size = min(2 * size, most)
 
 
 def _pivots(basis: Vector) -> NDArray[np.int64]:
-    """Return as many unknowns as the basis (count, k) has columns, such that none but the zero
-    vector of its span vanishes there."""
-    left = basis.copy()
-    chosen = np.zeros(basis.shape[1], dtype=np.int64)
-    for index in range(basis.shape[1]):
-        length = np.einsum("ij,ij->i", left, left)
-        chosen[index] = int(np.argmax(length))
-        direction = left[chosen[index]] / np.sqrt(length[chosen[index]])
-        left = left - np.outer(left @ direction, direction)
+    """Return as many unknowns as the orthonormal basis (count, k) has columns, such that none but
+    the zero vector of its span vanishes there.
+
+    Cholesky's root of the projector basis @ basis.T, with the largest diagonal first.
+    """
+    count, size = basis.shape
+    root = np.zeros((size, count))
+    left = np.einsum("ij,ij->i", basis, basis)
+    chosen = np.zeros(size, dtype=np.int64)
+    for index in range(size):
+        best = chosen[index] = int(np.argmax(left))
+        column = basis @ basis[best] - root[:index, best] @ root[:index]
+        root[index] = column / np.sqrt(column[best])
+        left -= root[index] ** 2
     return chosen

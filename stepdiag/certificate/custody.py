@@ -456,12 +456,14 @@ class Leaf(NamedTuple):
 NO_LEAF = Leaf("", "", "")
 
 
-def _leaves(node: ET.Element, at: str = "") -> Iterator[Leaf]:
-    """Yield every element."""
-    here = f"{at}/{node.tag.rpartition('}')[2]}"
-    attributes = " ".join(f"{name}={value}" for name, value in sorted(node.items()))
-    place = f"{here}[{attributes}]" if attributes else here
-    tail = (node.tail or "").strip()
-    yield Leaf(place, (node.text or "").strip() + (f" | {tail}" if tail else ""), node.tag)
-    for child in node:
-        yield from _leaves(child, place)
+def _leaves(root: ET.Element) -> Iterator[Leaf]:
+    """Yield every element, in the order of the document."""
+    waiting = [(root, "")]
+    while waiting:
+        node, at = waiting.pop()
+        here = f"{at}/{node.tag.rpartition('}')[2]}"
+        attributes = " ".join(f"{name}={value}" for name, value in sorted(node.items()))
+        place = f"{here}[{attributes}]" if attributes else here
+        tail = (node.tail or "").strip()
+        yield Leaf(place, (node.text or "").strip() + (f" | {tail}" if tail else ""), node.tag)
+        waiting += [(child, place) for child in reversed(node)]

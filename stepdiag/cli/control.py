@@ -9,12 +9,12 @@ import typer
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, message
-from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
+from stepdiag.cli.certificate import JUDGED_WRONG, UNDECIDED, verify_file
 from stepdiag.cli.completion import AsJson, Verbose, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, compared, print_compared
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import print_lines, print_words, shown, viewers_language
+from stepdiag.terminal.viewer import print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,7 +145,7 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
     _print_load(written)
-    print_lines([shown(message("how-to-load"))])
+    print_words(message("how-to-load"))
 
 
 def _print_load(written: "ExportReport") -> None:
@@ -153,7 +153,7 @@ def _print_load(written: "ExportReport") -> None:
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
-        print_lines([render(sentence, viewers_language())])
+        print_words(render(sentence, viewers_language()))
 
 
 def import_(
@@ -186,6 +186,7 @@ def verify(
     profile: Path | None = None,
     diagonal: list[str] | None = None,
     out: Path | None = None,
+    before: list[Path] | None = None,
     read_back: list[Path] | None = None,
     custody: str = "",
     key_certificate: Path | None = None,
@@ -213,7 +214,7 @@ def verify(
     )
     beside = compared(measured, diagonal or ())
     if not files:
-        _diagonals_alone(beside, read_back or [], as_json=as_json)
+        _diagonals_alone(beside, [*(before or []), *(read_back or [])], as_json=as_json)
         return
     given, aside = tables_among(files)
     known = (
@@ -224,7 +225,8 @@ def verify(
     found = verify_files(measured, given, known)
     if out is not None:
         _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)
-    held = _read_back(measured, given, read_back or [], known)
+    _refuse_both(before, read_back)
+    held = _read_back(measured, given, read_back or before or [], known, before=bool(before))
     if as_json:
         parts = {
             **_verification_json(found, given, aside),
@@ -238,29 +240,48 @@ def verify(
         say_granted([measured])
         for each in beside:
             print_compared(each)
-        _print_read_back(held)
+        _print_read_back(held, before=bool(before))
         if out is not None:
             typer.echo(f"picture: {out}")
-    if not (found.right and (held is None or not held.findings)):
+    if not found.right or (held is not None and held.findings):
         raise typer.Exit(JUDGED_WRONG)
+    if found.verdict == "undecided":
+        raise typer.Exit(UNDECIDED)
+
+
+def _refuse_both(before: list[Path] | None, read_back: list[Path] | None) -> None:
+    """Raise UsageError for files read out before loading beside files read out after it."""
+    if before and read_back:
+        raise UsageError(
+            "--before",
+            expected=message("either-option", one="--before", other="--read-back"),
+            found=message("both"),
+        )
 
 
 def _read_back(
-    measured: "Result", given: "Sequence[ControlFile]", paths: list[Path], known: "Profile | None"
+    measured: "Result",
+    given: "Sequence[ControlFile]",
+    paths: list[Path],
+    known: "Profile | None",
+    *,
+    before: bool,
 ) -> "ReadBack | None":
-    """Return what the control holds against what was written, None without files of it. Raises
-    DataError for those of another control."""
+    """Return what the control holds against what was written, or ``before`` loading against the
+    machine's own files; None without files of it. Raises DataError for those of another
+    control."""
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.profiles.file import quick_profile
-    from stepdiag.exporters.safety.read_back import compare
+    from stepdiag.exporters.safety.read_back import compare, compare_before
     from stepdiag.exporters.safety.verify import controller_for
 
     if not paths:
         return None
     control = controller_for(given)
-    return compare(
-        control, given, read_given(paths), known or quick_profile(control, measured.volume)
-    )
+    profile = known or quick_profile(control, measured.volume)
+    if before:
+        return compare_before(control, read_given(paths), profile)
+    return compare(control, given, read_given(paths), profile)
 
 
 def _read_back_json(held: "ReadBack | None") -> dict[str, object]:
@@ -275,13 +296,18 @@ def _read_back_json(held: "ReadBack | None") -> dict[str, object]:
     }
 
 
-def _print_read_back(held: "ReadBack | None") -> None:
+def _print_read_back(held: "ReadBack | None", *, before: bool) -> None:
     from stepdiag.terminal.tables import finding_lines
 
     if held is None:
         return
     if not held.findings:
-        print_words(message("read-back-same", numbers=held.numbers, switches=held.switches))
+        counts = {"numbers": held.numbers, "switches": held.switches}
+        print_words(
+            message("held-before-same", **counts) if before else message("read-back-same", **counts)
+        )
+    elif before:
+        print_words(message("held-before-differs"))
     for line in finding_lines(held.findings):
         typer.echo(line)
 
@@ -369,7 +395,7 @@ def _verification_json(
         "controller": found.controller,
         "files": [_file_json(file) for file in given],
         "left_aside": list(aside),
-        "verdict": "right" if found.right else "wrong",
+        "verdict": found.verdict,
         "tables": [each.as_json() for each in found.judgements],
         "findings": [finding.as_json() for finding in found.findings],
         "predicted": json_of(found.prediction.predicted),

@@ -8,6 +8,7 @@ import typer
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
+from stepdiag.cli.certificate import JUDGED_WRONG, UNDECIDED
 from stepdiag.cli.completion import TABLES, AsJson, tables
 from stepdiag.terminal.viewer import empty_table, print_words, shown
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 MINUTES = 10.0
-EXIT_CODES = {"keep": 0, "restore": 5, "undecided": 3}
+EXIT_CODES = {"keep": 0, "restore": JUDGED_WRONG, "undecided": UNDECIDED}
 """Contract 5: a file judged wrong, and data that do not support the request."""
 
 
@@ -181,7 +182,12 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
     if as_json:
         typer.echo(
             json.dumps(
-                {"action": verdict.action, "tables": _tables_json(verdict), "sign_tests": records},
+                {
+                    "action": verdict.action,
+                    "tables": _tables_json(verdict),
+                    "further": verdict.further,
+                    "sign_tests": records,
+                },
                 indent=2,
             )
         )

@@ -4,6 +4,7 @@ stand in `texts.explained`.
 
 import re
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Literal, get_args
@@ -37,7 +38,8 @@ def _entries() -> dict[str, dict[str, dict[str, str]]]:
     return tomllib.loads(text)
 
 
-def catalogue(section: str, language: Language) -> dict[str, str]:
+@cache
+def catalogue(section: str, language: Language) -> Mapping[str, str]:
     """Return key -> words of a section of `SECTIONS`."""
     return {key: words[language] for key, words in _entries()[section].items()}
 

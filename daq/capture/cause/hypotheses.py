@@ -1,6 +1,5 @@
 """The library of causes: each changes one statement of the survey file."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -193,21 +192,25 @@ class Library:
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
         """Return the length of one axis at which the steps fit best, in mm: on a grid, then between
-        its neighbours."""
-        plan, count = self.survey.planned, len(steps) + 1
+        its neighbours. The length as stated where the steps do not depend on it."""
+        route, size = self._route(setup), np.array(self.survey.volume.size_mm)
+        signs, stated_mm = np.array(route.travel.signs), float(size[axis])
+        if not signs[axis] or len(route) <= len(steps):
+            return stated_mm
+        # the share of each axis that a step moves: the reading is its projection on the diagonal
+        share = signs * np.diff(route.stops_mm[: len(steps) + 1], axis=0)
+        share = np.divide(share, size, out=np.zeros_like(share), where=size > 0)
 
-        def misfit(length_mm: float) -> float:
-            route = self._route(setup, _resized(plan, axis, length_mm))
-            return (
-                float(np.nansum((steps - np.diff(route.nominal_mm[:count])) ** 2))
-                if len(route) >= count
-                else math.inf
-            )
+        def misfit(lengths_mm: Matrix) -> Matrix:
+            squares = np.tile((signs * size) ** 2, (len(lengths_mm), 1))
+            squares[:, axis] = lengths_mm**2
+            nominal = squares @ share.T / np.sqrt(squares.sum(axis=1, keepdims=True))
+            return np.asarray(np.nansum((steps - nominal) ** 2, axis=1))
 
-        low, high = 0.2 * plan.volume.size_mm[axis], 4.0 * plan.volume.size_mm[axis]
+        low, high = 0.2 * stated_mm, 4.0 * stated_mm
         for _ in range(6):
             grid = np.linspace(low, high, 25)
-            best = int(np.argmin([misfit(float(each)) for each in grid]))
+            best = int(np.argmin(misfit(grid)))
             low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, 24)])
         return 0.5 * (low + high)
 

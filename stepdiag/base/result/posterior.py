@@ -81,8 +81,9 @@ class Posterior:
         """Return offset, modes and the rest value by value, all as deviations by name, shape (1 +
         modes + values of the rest, k)."""
         names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
-        total = 1 + self.count + sum(len(values) for values in self.rest.values())
-        found, start = {}, 1 + self.count
+        modes = self.count
+        total = 1 + modes + sum(len(values) for values in self.rest.values())
+        found, start = {}, 1 + modes
         for name in names:
             size = next(
                 np.atleast_2d(part[name]).shape[1]
@@ -91,7 +92,7 @@ class Posterior:
             )
             values = np.zeros((total, size))
             values[0] = self.offset.get(name, 0.0)
-            values[1 : 1 + self.count] = self.modes.get(name, 0.0)
+            values[1 : 1 + modes] = self.modes.get(name, 0.0)
             if name in self.rest:
                 values[start : start + size] = np.diag(self.rest[name])
                 start += size

@@ -274,3 +274,22 @@ def test_what_the_machine_refused_is_known_by_name():
     )
     decoder.decode(block)
     assert decoder.unanswered(block) == ("stopped",)
+
+
+@given(
+    polls=st.lists(
+        st.dictionaries(st.integers(0, len(CONTRACT_BLOCK) - 1), st.integers(0, 255), max_size=4),
+        min_size=2,
+        max_size=6,
+    ),
+    refused=st.sets(st.integers(0, 5)),
+)
+def test_a_decoder_of_many_polls_decodes_each_as_a_new_one_does(polls, refused):
+    """It decodes a signal again only where the signal's own bytes have changed."""
+    decoder = SignalDecoder(CONTRACT_SIGNALS)
+    for number, changes in enumerate(polls):
+        data = bytearray(CONTRACT_BLOCK)
+        for at, value in changes.items():
+            data[at] = value
+        poll = block(CONTRACT_SIGNALS, b"" if number in refused else bytes(data))
+        assert decoder.decode(poll) == SignalDecoder(CONTRACT_SIGNALS).decode(poll)

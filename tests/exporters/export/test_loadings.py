@@ -45,5 +45,5 @@ def test_no_sequence_makes_the_machine_worse(maker: str, seed: int, tmp_path: Pa
         assert bool(step.refusal) == (step.code != 0)
         assert not step.worse, step
         assert not step.mispredicted, step
-        assert step.judged == 0, step
+        assert step.judged in (0, 3), step  # 3: the survey does not show what acted
         assert step.restored_um < 1.1, step

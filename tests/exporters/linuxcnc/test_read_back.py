@@ -73,7 +73,7 @@ def test_the_program_stops_beyond_both_ends_in_the_unit_of_the_machine(
         .plan(fitted(made_result({"EXX": [0.0, 1.0, 5.0, 3.0, 2.0]})).curves, profile)
         .tables
     )
-    program, _ = read_back_files([table for table in tables if table.name == "EXX"], unit_mm)
+    program, *_ = read_back_files([table for table in tables if table.name == "EXX"], unit_mm)
     lines = program.data.decode("ascii").splitlines()
     assert lines[1] == word
     assert next(line for line in lines if line.startswith("G1 ")) == first

@@ -47,6 +47,17 @@ class Case:
     again: tuple[str, ...] = ()
     """Setups that are driven once more at the end."""
 
+    def most_left_um(self, clean_um, done):
+        """Return the most that the files may leave of the volume's error: about what they leave
+        without the fault. A slip with no finding may add what the result states of such a slip, in
+        a pass that the result names for it."""
+        hidden_um = sum(
+            done.unseen.get(f"{each.setup}/{each.number}", 0.0) * abs(each.value)
+            for each in self.faults
+            if each.kind == "slip" and not self.said
+        )
+        return NEARLY * clean_um + NOISE_UM + hidden_um
+
     @property
     def row(self):
         """Return the cells of the table that do not come from a run."""

@@ -3,7 +3,9 @@ not."""
 
 import hashlib
 import json
+import re
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -310,13 +312,16 @@ def test_result_named_twice_is_refused(folder: Path) -> None:
 @pytest.mark.usefixtures("quick")
 def test_every_single_change_is_refused(folder: Path) -> None:
     """Every text and every attribute of the certificate, one by one: figure, unit, k, name, hash,
-    date, statement."""
-    root, count = etree.fromstring((folder / "c.xml").read_bytes()), 0
+    date, statement. Of places of one kind the first three: the nodes of a function, say."""
+    root = etree.fromstring((folder / "c.xml").read_bytes())
+    tree, kinds, count = root.getroottree(), Counter(), 0
     for node in root.iter():
         for where in [None, *node.keys()]:
             was = node.text if where is None else node.get(where)
-            if not (was or "").strip():
+            kind = re.sub(r"\[\d+\]", "", tree.getpath(node)), where
+            if not (was or "").strip() or kinds[kind] == 3:
                 continue
+            kinds[kind] += 1
             last = was[-1]
             new = was[:-1] + ("8" if last != "8" else "9") if last.isdigit() else was + "x"
             _put(node, where, new)
@@ -326,7 +331,7 @@ def test_every_single_change_is_refused(folder: Path) -> None:
             assert verdict(folder), f"{node.tag} {where}: {was} -> {new}"
             _put(node, where, was)
             count += 1
-    assert count > 900
+    assert count > 200
 
 
 def _put(node, where, value) -> None:

@@ -429,6 +429,16 @@ class TestReadBack:
         (found,) = json.loads(told.out)["read_back"]["findings"]
         assert found["text"] == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, the tables act with 1"
 
+    def test_before_loading_the_control_holds_what_the_profile_names(self, result, tmp_path):
+        """Here it names nothing: tables in the control are not to be written over."""
+        folder = self.exported(result, tmp_path)
+        held = self.held(folder, tmp_path, self.switches(folder))
+        told = stepdiag("verify", result, folder, "--before", held)
+        assert told.code == 5
+        assert "Do not load" in told.out
+        told = stepdiag("verify", result, folder, "--before", held, "--read-back", held)
+        assert told.code == 2
+
     def test_without_the_files_of_the_export_there_is_nothing_to_compare(self, result, tmp_path):
         told = stepdiag("verify", result, "--read-back", result)
         assert told.code == 2

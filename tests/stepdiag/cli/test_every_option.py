@@ -6,8 +6,10 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +39,7 @@ from stepdiag.virtual.instruments.head import (
     stage_pose,
 )
 from testkit.cli import Told, stepdiag
-from testkit.elsewhere import contents, digests, put_back
+from testkit.elsewhere import contents, put_back
 from testkit.exact.heads import write_head_file
 from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
@@ -131,6 +133,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--custody": ["--custody", "."],
             "--key-certificate": ["--key-certificate", "none.pem"],
             "--json": ["--json"],
+            "--before": ["--before", "AX_EEC.INI"],
             "--read-back": ["--read-back", "AX_EEC.INI"],
             **STATED,
         },
@@ -625,10 +628,17 @@ def shop(goods: Path, kept: dict[Path, bytes], monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture(scope="module")
-def plain_outcomes() -> dict[str, Outcome]:
-    """What each call comes to without a further option: worked out once a call, not once an
-    option."""
-    return {}
+def plain(goods: Path, kept: dict[Path, bytes]) -> Callable[[str], Outcome]:
+    """What each call comes to without a further option, worked out once in that folder as it was
+    made."""
+
+    @cache
+    def plain(name: str) -> Outcome:
+        found = outcome(goods, CALLS[name][0])
+        put_back(goods, kept)
+        return found
+
+    return plain
 
 
 def outcome(folder: Path, arguments: list[str]) -> Outcome:
@@ -705,21 +715,18 @@ def test_the_named_test_uses_the_option(name, place, option):
 
 
 @pytest.mark.parametrize(("name", "option"), list(cases()))
-def test_an_option_changes_what_comes_out_or_is_refused(name, option, shop, kept, plain_outcomes):
+def test_an_option_changes_what_comes_out_or_is_refused(name, option, shop, plain):
     call, options = CALLS[name]
-    if name not in plain_outcomes:
-        plain_outcomes[name] = outcome(shop, call)
-        put_back(shop, kept)
-    assert outcome(shop, [*without(call, option), *options[option]]) != plain_outcomes[name]
+    usual = plain(name)
+    assert outcome(shop, [*without(call, option), *options[option]]) != usual
 
 
 @pytest.mark.parametrize("name", sorted(CALLS))
-def test_the_same_call_makes_the_same(name, shop, kept):
+def test_the_same_call_makes_the_same(name, shop, plain):
     """Otherwise any option would seem to change something. What a call is for is done, too."""
-    plain = outcome(shop, CALLS[name][0])
-    assert plain[0].code in (0, 5), plain[0]
-    put_back(shop, kept)
-    assert outcome(shop, CALLS[name][0]) == plain
+    usual = plain(name)
+    assert usual[0].code in (0, 5), usual[0]
+    assert outcome(shop, CALLS[name][0]) == usual
 
 
 @pytest.mark.parametrize(
@@ -769,7 +776,7 @@ def test_a_scheduler_has_workers_of_its_own(tmp_path):
     assert "--workers: expected no --scheduler beside it" in told.refusal
 
 
-def test_files_are_worked_on_wherever_python_runs(shop, kept):
+def test_files_are_worked_on_wherever_python_runs(shop, plain):
     """Without the modules and calls that Windows has not, each call ends alike with the same bytes;
     what needs Linux is refused."""
     calls = {name: call for name, (call, _) in CALLS.items()}
@@ -796,7 +803,7 @@ def test_files_are_worked_on_wherever_python_runs(shop, kept):
         code, out, refusal, _ = ends[name]
         assert (code, out) == (2, ""), name
         assert f"stepdiag {name}: expected Linux" in refusal
-    for name, call in calls.items():
-        here = stepdiag(*call)
-        assert [*here, digests(shop)] == ends[name], name
-        put_back(shop, kept)
+    for name in calls:
+        told, files = plain(name)
+        hashes = {str(path): sha256(data).hexdigest() for path, data in files.items()}
+        assert [*told, hashes] == ends[name], name

@@ -3,6 +3,8 @@ that they switch off."""
 
 import subprocess
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.programs import Sequence, nc_programs, passes_of
 from stepdiag.exporters.safety.read_back import compare
@@ -59,9 +62,9 @@ def test_the_control_applies_the_files_as_the_law_says() -> None:
         np.testing.assert_allclose(moved_um, law, rtol=0, atol=1e-3)
 
 
-def test_what_the_control_holds_is_read_back_number_by_number() -> None:
-    """Loaded, read out of the running control while it drives, compared; and the files of another
-    survey, loaded instead, show."""
+def test_what_the_control_holds_is_read_back_number_by_number(tmp_path: Path) -> None:
+    """Loaded by the script of the export, read out of the running control while it drives,
+    compared; the files of another survey show, and are not loaded over these."""
     profile = profile_of("linuxcnc", VOLUME, sections=2, direction="both")
     controller = LinuxCnc()
     sets = []
@@ -71,19 +74,17 @@ def test_what_the_control_holds_is_read_back_number_by_number() -> None:
     ):
         result = made_result(errors, reversal={"EXX": [6.0] * 3}, volume=VOLUME)
         plan = controller.plan(curves_of(result, ["EXX", "EYY"]), profile)
-        sets.append(
-            (
-                plan.tables,
-                [file for file in controller.render(plan.tables, profile) if file.role == "data"],
-            )
-        )
-    (tables, written), (_, another) = sets
-    program, reader = controller.read_back(tables, profile)
-    with linuxcnc({file.name[-6].upper(): file.data for file in written}) as control:
+        files = controller.render(plan.tables, profile)
+        beside = controller.read_back(plan.tables, profile)
+        write_set(tmp_path / str(len(sets)), [*files, *beside])
+        sets.append([file for file in files if file.role == "data"])
+    written, another = sets
+    program, reader, _ = beside
+    loaded = partial(load, folder=tmp_path / "0", refused=False)
+    with linuxcnc(prepared=loaded) as control:
+        load(control.folder / "rig.ini", folder=tmp_path / "1", refused=True)
         (control.folder / reader.name).write_bytes(reader.data)
-        pairs = [
-            word for joint, letter in enumerate("XY") for word in (str(joint), f"{letter}.comp")
-        ]
+        pairs = ["0", "screw_x.comp", "1", "screw_y.comp"]
         words = ["/usr/bin/python3", reader.name, *pairs]
         reading = subprocess.Popen(
             words,
@@ -95,14 +96,9 @@ def test_what_the_control_holds_is_read_back_number_by_number() -> None:
         control.run(program.data)
         said, missed = reading.communicate(timeout=120.0)
         assert reading.returncode == 0, missed.decode()
-        assert said.decode().split() == ["held_X.comp", "held_Y.comp"]
-        held = [
-            ControlFile(
-                name=f"held_{letter}.comp",
-                data=(control.folder / f"held_{letter}.comp").read_bytes(),
-            )
-            for letter in "XY"
-        ]
+        names = [f"held_screw_{letter}.comp" for letter in "xy"]
+        assert said.decode().split() == names
+        held = [ControlFile(name=name, data=(control.folder / name).read_bytes()) for name in names]
     same = compare(controller, written, held, profile)
     assert [found.text for found in same.findings] == []
     assert same.numbers == 3 * 3
@@ -111,6 +107,20 @@ def test_what_the_control_holds_is_read_back_number_by_number() -> None:
         "read-back-differs",
         "EYY",
     )
+
+
+def load(ini: Path, *, folder: Path, refused: bool) -> None:
+    """Run the loading script of an export with the system's own Python."""
+    told = subprocess.run(
+        ["/usr/bin/python3", folder / "load_comp.py", ini],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={"PATH": "/usr/bin:/bin"},
+        timeout=20.0,
+    )
+    assert told.returncode == int(refused), told.stderr
+    assert ("rows are not those of machine.existing" in told.stderr) == refused
 
 
 def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:

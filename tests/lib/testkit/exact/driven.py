@@ -343,6 +343,9 @@ class Judged:
     words: str
     lines: tuple = ()
     """The lines of the survey file that the result's findings name."""
+    unseen: dict = field(default_factory=dict)
+    """The passes in which a slip may go unseen, as the result names them (``ppp/1``), each with the
+    effect on the volume of a slip of 1 um."""
 
 
 def judged(folder, logs, machine, size=BOX_MM):
@@ -352,7 +355,8 @@ def judged(folder, logs, machine, size=BOX_MM):
     told = stepdiag("solve", logs, "--out", result)
     if told.code not in (0, 3) or not result.exists():
         return Judged(told.code, None, None, before, None, frozenset(), told.refusal or told.out)
-    findings = json.loads(result.read_text(encoding="utf-8"))["findings"]
+    solved = json.loads(result.read_text(encoding="utf-8"))
+    findings, unseen = solved["findings"], _unseen(solved.get("unseen_slip"))
     lines = tuple(line for each in findings for line in _lines_of(each.get("arguments")))
     codes, words = (
         frozenset(each["code"] for each in findings if each["severity"] != "info"),
@@ -381,9 +385,14 @@ def judged(folder, logs, machine, size=BOX_MM):
         )
     files = [path for path in sorted(out.glob("*.INI")) if "_RESTORE" not in path.name]
     verified = stepdiag("verify", result, *files, "--profile", profile)
-    return Judged(
-        told.code, 0, verified.code, before, rms_um(machine, files, size), codes, words, lines
-    )
+    after = rms_um(machine, files, size)
+    return Judged(told.code, 0, verified.code, before, after, codes, words, lines, unseen)
+
+
+def _unseen(slips):
+    """Return the passes in which a slip may go unseen, each with the effect of 1 um of it."""
+    sizes = [each for each in (slips or {}).values() if each and each["half_um"]]
+    return {name: each["volume_um"] / each["half_um"] for each in sizes for name in each["passes"]}
 
 
 def _lines_of(arguments):

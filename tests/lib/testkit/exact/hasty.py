@@ -95,6 +95,10 @@ LISTED: Mapping[str, Callable[[ControlFile], ControlFile | None]] = {
     "micrometres": lambda file: replace(file, data=_scaled(file.data.decode(), 1000.0).encode()),
 }
 """What stands in ``machine.existing`` in place of the files that are in the control."""
+READ_OUT = "read out"
+"""There stands what the control held while it was measured, with its switches."""
+NEEDED = "proof run needed"
+"""End of a story whose read-back is right, and whose survey does not show which tables acted."""
 ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "travel-not-covered")
 """What a hasty person accepts unread; nothing that asks about the compensation."""
 
@@ -102,19 +106,42 @@ ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "t
 @dataclass(frozen=True, kw_only=True)
 class Story:
     """What stood in the control, which of it was on while measuring, what was stated of it, and
-    what was done afterwards."""
+    what was done afterwards.
+
+    ``size`` of the old tables against right ones, 0 for one drawn from 0.7 to 1.4; ``ready`` is
+    what was switched on before loading; ``home_mm`` is how far the axes were referenced elsewhere
+    after it.
+    """
 
     old: bool
     on: str = "none"
     stated: str = "off"
     done: str = "whole"
     listed: str = "all"
+    size: float = 0.0
+    ready: str = "all"
+    home_mm: float = 0.0
+
+    @property
+    def right(self) -> bool:
+        """Return whether the statement is true, and the whole export is loaded as it is."""
+        if self.listed == READ_OUT:
+            return self.stated == "on" and self.ready == self.on and not self.size
+        true = self.on == ("none" if self.stated == "off" else "all")
+        loaded = self.done in ("whole", "twice") and self.listed == "all" and not self.home_mm
+        return true and loaded and self.ready in (self.on, "all") and not self.size
 
     def __str__(self) -> str:
-        return (
-            f"old tables {self.old}, on {self.on}, stated {self.stated}, loading {self.done}, "
-            f"listed {self.listed}"
-        )
+        words = {
+            "old tables": self.old and (self.size or "drawn"),
+            "on": self.on,
+            "stated": self.stated,
+            "ready": self.ready,
+            "loading": self.done,
+            "listed": self.listed,
+            "home": self.home_mm,
+        }
+        return ", ".join(f"{name} {value}" for name, value in words.items())
 
 
 @dataclass
@@ -123,6 +150,7 @@ class Hall:
     straightnesses within."""
 
     seed: int
+    home_mm: float = 0.0
     control: Sinumerik = field(default_factory=lambda: Sinumerik(machine=MACHINE_DATA))
     truth: dict[str, Values] = field(default_factory=dict)
 
@@ -142,7 +170,7 @@ class Hall:
     def added_um(self, name: str, at: Values | None = None) -> Values:
         """Return what the control adds at positions (the nodes where none are given), from its
         variables and switches."""
-        at = VOLUME.nodes_mm("XYZ".index(name[2])) if at is None else at
+        at = (VOLUME.nodes_mm("XYZ".index(name[2])) if at is None else at) + self.home_mm
         held, added = self.control.held, np.zeros(at.shape)
         if name[1] == name[2] and held.get(f"$MA_ENC_COMP_ENABLE[0,{AXES[name[1]]}]") == "1":
             added = added - self._table(
@@ -266,7 +294,8 @@ class Hall:
 
 
 def stories() -> Iterator[Story]:
-    """Yield everything that a hasty person did: 63 sequences."""
+    """Yield everything that a hasty person did: 63 sequences, and 43 of tables of another size,
+    switched over before loading, stated by what was read out, and of axes referenced elsewhere."""
     for done, old in itertools.product((*EDITED, *HELD), (False, True)):
         yield Story(old=old, on="all" if old else "none", stated="on" if old else "off", done=done)
     for listed in LISTED:
@@ -279,6 +308,16 @@ def stories() -> Iterator[Story]:
         for on, said in itertools.product(("none", "all", "eec", "cec"), ("off", "on")):
             if done == "whole" or said == ("on" if on == "all" else "off"):
                 yield Story(old=True, on=on, stated=said, done=done)
+    for size, on, said, ready in itertools.product(
+        (0.5, 2.0), ("none", "all", "eec", "cec"), ("off", "on"), ("none", "all")
+    ):
+        yield Story(old=True, on=on, stated=said, size=size, ready=ready)
+    for on, ready in itertools.product(("all", "eec", "cec"), repeat=2):
+        yield Story(old=True, on=on, stated="on", listed=READ_OUT, ready=ready)
+    for old in (False, True):
+        yield Story(
+            old=old, on="all" if old else "none", stated="on" if old else "off", home_mm=40.0
+        )
 
 
 def lived(
@@ -295,9 +334,10 @@ def lived(
         archive = _exported(hall.survey(), base, folder / "old")
         size = float(np.exp(hall.dice.uniform(np.log(0.7), np.log(1.4))))
         _load(hall, archive)
+        size = 1.0 / story.size if story.size else size
         hall.truth = {name: size * error for name, error in hall.truth.items()}
         hall.switch("all")
-    before = hall.errs_um()
+    before = _as_it_was(hall, story.home_mm)
     hall.switch(story.on)
     along = hall.readings() if proof else None
     measured, data = (
@@ -306,7 +346,9 @@ def lived(
             file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name
         ),
     )
-    hall.switch("all")
+    if story.listed == READ_OUT:
+        data = (_read_out(hall, archive),)
+    hall.switch(story.ready)
     data = tuple(
         file
         for each in data
@@ -330,7 +372,8 @@ def lived(
     if story.done == "another machine":
         files = _exported(Hall(seed + 1000).survey(), base, folder / "other")
     tables = [file for file in files if file.name.endswith(".INI") and "RESTORE" not in file.name]
-    if not verify_files(measured, tables, profile).right:
+    judged = verify_files(measured, tables, profile)
+    if not judged.right:
         return "verify", before, before
     edit = EDITED.get(story.done, str)
     edited = tuple(replace(file, data=edit(file.data.decode()).encode()) for file in files)
@@ -348,6 +391,7 @@ def lived(
         ("$SN_CEC_TABLE_ENABLE[2]" if story.done == "a switch forgotten" else "none", "0"),
     )
     hall.control.held |= {name: value for name in hall.control.held if name.startswith(mark)}
+    hall.home_mm = story.home_mm
     if along is not None:
         acting, replaced = acting_in(measured, SIEMENS, tables, profile)
         ahead = plan_proof(measured, along, DRIVEN, acting, MINUTES)
@@ -365,12 +409,26 @@ def lived(
             before,
             hall.errs_um(),
         )
+    if compare(SIEMENS, tables, [_read_out(hall, files)], profile).findings:
+        return "read back", before, hall.errs_um()
+    if judged.verdict == "undecided":
+        return NEEDED, before, hall.errs_um()
+    return "", before, hall.errs_um()
+
+
+def _as_it_was(hall: Hall, home_mm: float) -> float:
+    """Return what a machine errs by with its old tables, its axes referenced as after loading."""
+    hall.home_mm, measured = home_mm, hall.home_mm
+    found = hall.errs_um()
+    hall.home_mm = measured
+    return found
+
+
+def _read_out(hall: Hall, files: Sequence[ControlFile]) -> ControlFile:
+    """Return what the control writes out by the program of an export."""
     (reader,) = (file for file in files if file.name == "READ_BACK.MPF")
     hall.control.run(reader.data.decode("ascii"))
-    held = ControlFile(name="STEPDIAG_BACK.INI", data=hall.control.read_out().encode("ascii"))
-    if compare(SIEMENS, tables, [held], profile).findings:
-        return "read back", before, hall.errs_um()
-    return "", before, hall.errs_um()
+    return ControlFile(name="STEPDIAG_BACK.INI", data=hall.control.read_out().encode("ascii"))
 
 
 def _exported(result: Result, profile: Profile, folder: Path) -> tuple[ControlFile, ...]:

@@ -60,8 +60,10 @@ class Sinumerik:
                     f"{float(local[match[1]]) + (float(local[match[2]]) + 1) * float(self._value(match[3], local)):.9f}"  # noqa: E501
                 )
             elif match := _IF.match(line):
-                one, two = (float(self._value(each, local)) for each in (match[1], match[3]))
-                if {"==": one == two, "<>": one != two, "<": one < two}[match[2]]:
+                one, two = (_number(self._value(each, local)) for each in (match[1], match[3]))
+                if {"==": one == two, "<>": one != two, "<": match[2] == "<" and one < two}[
+                    match[2]
+                ]:
                     at = lines.index(f"{match[4]}:") + 1
             elif line.startswith("FOR "):
                 name, first, last = re.match(r"FOR (\w+)=(.+) TO (.+)", line).groups()
@@ -129,13 +131,17 @@ class Sinumerik:
         return local.get(text, text)
 
     def _text(self, words: str, local: Mapping[str, str]) -> str:
-        """Return what "<<" joins: quoted words, numbers without trailing zeros, names of axes."""
+        """Return what "<<" joins: quoted words, and numbers without trailing zeros."""
         said = ""
         for part in words.split("<<"):
             if part.startswith('"'):
                 said += part.strip('"')
-            elif part.startswith("AXSTRING("):
-                said += self.held.get(self._indexed(part[9:-1], local), "").strip("()")
             else:
                 said += f"{float(self._value(part, local)):.10g}"
         return said
+
+
+def _number(text: str) -> float | str:
+    """Return a value that a condition compares: a number, or the name of an axis."""
+    name = text.strip("()")
+    return name if name[:1].isalpha() else float(text)

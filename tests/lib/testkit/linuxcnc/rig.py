@@ -208,13 +208,15 @@ def linuxcnc(
     *,
     backlash_mm: Mapping[str, float] | None = None,
     swift: bool = False,
+    prepared: Callable[[Path], None] = lambda ini: None,
 ) -> Iterator[Control]:
     """Run LinuxCNC with the machine switched on and homed, and the product's component that serves
     its signals.
 
     ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis
     letter; ``kinematics`` are the files of an export of the kinematics component, which is built
-    and loaded as its report says. A ``swift`` control saves the tests' time; at its acceleration a
+    and loaded as its report says. ``prepared`` is called with the INI file before the control
+    starts. A ``swift`` control saves the tests' time; at its acceleration a
     joint swings back by a hair when it stops, and a COMP_FILE of two different columns then shows
     the other one. Installs the Debian packages where they are missing. Raises AssertionError where
     they cannot be had or the control does not start.
@@ -236,6 +238,7 @@ def linuxcnc(
             plc_port,
             SWIFT_MM_S2 if swift else ORDINARY_MM_S2,
         )
+        prepared(folder / "rig.ini")
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(folder / "rig.socket"))
             (folder / "rig.socket").chmod(0o666)
