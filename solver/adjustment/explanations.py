@@ -14,8 +14,8 @@ length.
   nothing is left open, and its result is that of the plain adjustment.
 - A cause has a name if it has `ODDS` times the probability of all others together.
 - If setups and products are more probable than not and nothing has a name, all candidates are named
-  (`solver.methods.doubt`). The lengths decide on a refusal
-  (`solver.adjustment.diagnostics.scale_findings`).
+  (`solver.methods.doubt`); with growth among them, if a compensation could leave more than before.
+  The lengths decide on a refusal (`solver.adjustment.diagnostics.scale_findings`).
 
 The mixture is the result. Each explanation is left open by a share of its expected square E[t^2 |
 k, y]: estimate, budget, posterior and predictions use the same causes. The normal distribution with
@@ -97,6 +97,11 @@ class Explained:
     def unnamed(self) -> bool:
         """Return whether setups and products are more probable than not, and nothing has a name."""
         return float(np.sum(self.share)) > 0.5 and not self.names
+
+    @property
+    def unnamed_with_growth(self) -> bool:
+        """Return whether these and growth are more probable than not, and nothing has a name."""
+        return float(np.sum(self.share)) + self.growth > 0.5 and not (self.names or self.grows)
 
     @property
     def names(self) -> list[int]:

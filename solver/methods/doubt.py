@@ -43,16 +43,18 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on a survey of which something is wrong and nothing has a name: what it
     may be, the most probable first, what each makes of the volume, and what separates them.
 
-    Nothing where the lengths contradict each other by more than chance: all candidates are named
-    there (`scale_findings`).
+    Growth is usual: where it may be the cause, the finding needs a candidate with which the
+    compensation leaves more than it takes away. Nothing where the lengths contradict each other by
+    more than chance: all candidates are named there (`scale_findings`).
     """
-    if not found.explained.unnamed or scale_findings(found):
+    setups = found.explained.unnamed
+    if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):
         return []
     every, volume = (
         sorted(candidates(found), key=lambda one: -round(one.share, DECIMALS)),
         Volumes.of(found),
     )
-    if len(every) < 2:
+    if len(every) < 2 or not (setups or any(volume.harmed_by(one) for one in every)):
         return []
     suspects = [
         message("suspect-of-volume", suspect=one.words, volume_um=rms_um(volume.apart_um(one)))
@@ -125,6 +127,12 @@ class Volumes:
     def apart_um(self, one: Candidate) -> Vector:
         """Return the machine's difference if a single explanation is true."""
         return self._over_volume(_alone(self.found, one)) - self.reported_um
+
+    def harmed_by(self, one: Candidate) -> bool:
+        """Return whether the machine is worse with the reported error taken off than as it stands,
+        if a single explanation is true."""
+        left = self.apart_um(one)
+        return rms_um(left) > rms_um(left + self.reported_um)
 
     def _over_volume(self, fit: MixedFit) -> Vector:
         value = self.machine.combination.times(fit.unknowns) + self.machine.on_causes @ fit.amount

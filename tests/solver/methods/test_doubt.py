@@ -73,6 +73,24 @@ def test_a_survey_of_another_scale_names_all_that_may_be_and_a_short_setup_that_
         assert 20.0 < min(minutes.values()) < 30.0 < max(minutes.values()) < 60.0
 
 
+def slowly(readings):
+    """Return the readings with ten minutes more between two setups: then growth explains a length,
+    too."""
+    setups = list(dict.fromkeys(readings.setup))
+    later_s = 600.0 * np.array([setups.index(name) for name in readings.setup])
+    return replace(readings, time_s=readings.time_s + later_s)
+
+
+def test_a_scale_that_compensation_would_put_into_the_machine_is_never_without_a_warning():
+    """93 µm/m on one diagonal, the machine better than that: 0 of 8 silent, 0 of 8 good surveys in
+    doubt."""
+    for seed in range(300, 308):
+        readings = slowly(Bench(seed=seed, errors_times=0.7).survey())
+        findings = [one.key for one in solve(longer(readings, "npp", 93.0)).findings]
+        assert any(key.startswith("contradiction-ambiguous") for key in findings)
+        assert doubt_findings(estimate(lay_out(readings), "FXYZ").adjustment) == []
+
+
 def test_a_good_survey_is_in_no_doubt():
     assert doubt_findings(estimate(lay_out(Bench(seed=201).survey()), "FXYZ").adjustment) == []
 
