@@ -36,7 +36,7 @@ def stepped(readings: Readings, rng: np.random.Generator, um: float) -> Spoiled:
     """Return the readings with a step of the count before a stop of any pass."""
     key, rows = list(readings.passes().items())[int(rng.integers(len(readings.passes())))]
     stop = int(rng.integers(2, len(rows) - 1))
-    return _moved(readings, rows[stop:], um * rng.choice([-1.0, 1.0])), f"{key}, stop {stop} "
+    return _moved(readings, rows[stop:], um * rng.choice([-1.0, 1.0])), f"{key}, stop {stop + 1} "
 
 
 def longer(readings: Readings, rng: np.random.Generator, ppm: float) -> Spoiled:

@@ -85,9 +85,11 @@ def _expected(call: FunctionContext) -> dict[str, Type]:
         of("builtins.int", []),
     )
     many = dict.fromkeys(
-        ("list", "each", "or", "and", "stops"), of("typing.Sequence", [UnionType([name, whole])])
+        ("list", "each", "or", "and", "ranges", "stops"),
+        of("typing.Sequence", [UnionType([name, whole])]),
     )
-    return {"name": name, "whole": whole, "number": of("builtins.float", []), **many}
+    one = {"name": name, "setup": name, **dict.fromkeys(("whole", "stop", "pass"), whole)}
+    return {**one, "number": of("builtins.float", []), **many}
 
 
 def _keys(given: Type) -> list[str]:

@@ -47,6 +47,9 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     """Middle of the window, seconds since 1970."""
     beam: float | None
+    count: int | None = None
+    """The instrument's own number of the sample at ``time_s``; None where the host numbers the
+    samples."""
     broken: Words = ""
     unwatched: Words = ""
     doubts: tuple[Remark, ...] = ()

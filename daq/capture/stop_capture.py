@@ -291,6 +291,8 @@ class StopTaker:
         standstill."""
         broken, unwatched = self._breaks_up_to(stop.window_to_ns)
         stop = marked(stop, walk.unsure) if walk.unsure else stop
+        count = self._laser.count_at(0.5 * (stop.window_from_ns + stop.window_to_ns))
+        stop = msgspec.structs.replace(stop, count=count)
         wrong = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else None
         if again:
             outcomes.append(_joined(walk, stop.stop, broken, unwatched))

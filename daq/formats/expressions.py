@@ -1,5 +1,5 @@
 """Signals that the machine does not send outright: a small typed language over named bits and
-words.
+words, a part of Python's expressions.
 
     either     = both { "or" both }
     both       = negated { "and" negated }
@@ -10,11 +10,16 @@ words.
 A bit is yes or no, a word a number; a mixture is refused at its place. ``latch(word)`` is the last
 value of the word that was not 0: a counter that a control clears between two stops keeps its
 number. A value that was not read is unknown, and so is every result that depends on it.
+
+Python's parser reads the text after every token of it was found to be of the language; nothing is
+compiled or evaluated by Python.
 """
 
+import ast
+import keyword
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -31,17 +36,17 @@ MOST_CHARACTERS = 500
 DEEPEST = 20
 """Levels of brackets and of not."""
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>\d+(?:\.\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)"
-    r"|(?P<odd>\S))",
+    r"\s*(?:(?P<number>\d+(?:\.\d+)?(?!\w))|(?P<name>[A-Za-z_]\w*)"
+    r"|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)|(?P<odd>\S)|$)",
     re.ASCII,
 )
-_COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
+_COMPARISONS: Mapping[type[ast.cmpop], Callable[[float, float], bool]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
 }
 _WORDS = ("and", "or", "not", "latch")
 _WANTED = {"bit": message("wanted-bit"), "word": message("wanted-word")}
@@ -63,200 +68,171 @@ class Expression:
     value: Callable[[Inputs, Memory], Value]
 
 
-@dataclass(frozen=True, slots=True)
-class _Token:
-    text: str
-    what: str
-    at: int
-
-
 def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expression:
     """Return the expression of a text; ``kinds`` are the inputs it may name, ``where`` the field
     that holds it.
 
     Raises UsageError that points at the first character not understood.
     """
-    return _Parser(text, kinds, where).whole()
+    if len(text) > MOST_CHARACTERS:
+        most = message("characters-most", count=MOST_CHARACTERS)
+        raise UsageError(where, expected=most, found=str(len(text)))
+    return _Text(text, kinds, where).expression()
 
 
-class _Parser:
-    """One pass over the tokens, a method a line of the grammar."""
+class _Text:
+    """The text of an expression: checked token by token, parsed by Python, built of the nodes that
+    the language has."""
 
     def __init__(self, text: str, kinds: Mapping[str, Kind], where: str) -> None:
         self._text, self._kinds, self._where = text, kinds, where
-        self._tokens = [] if len(text) > MOST_CHARACTERS else _tokens(text)
-        self._next = self._depth = 0
-        if len(text) > MOST_CHARACTERS:
-            raise UsageError(
-                where,
-                expected=message("characters-most", count=MOST_CHARACTERS),
-                found=str(len(text)),
-            )
 
-    def whole(self) -> Expression:
-        found = self._either()
-        if self._here.what != "end":
-            raise self._refusal(message("expression-goes-on"))
-        return found
+    def expression(self) -> Expression:
+        source = self._source().rstrip()
+        self._begin = len(source) - len(source.lstrip())
+        try:
+            tree = ast.parse(source.lstrip(), mode="eval")
+        except SyntaxError as error:
+            # Python names no place where something is missing at the end
+            at = self._begin + error.offset - 1 if error.offset else len(source)
+            raise self._misplaced(at) from None
+        return self._built(tree.body)
 
-    @property
-    def _here(self) -> _Token:
-        return self._tokens[self._next]
+    def _source(self) -> str:
+        """Return the text as Python may read it, each token at its place. Raises UsageError at the
+        first token that is none of the language."""
+        source, before, levels = [" "] * len(self._text), "", 0
+        opened: list[int] = []
+        for token in _TOKEN.finditer(self._text):
+            word, at = token[token.lastgroup or 0], token.start(token.lastgroup or 0)
+            if token.lastgroup == "odd":
+                raise self._misplaced(at)
+            if token.lastgroup == "name" and word not in (*self._kinds, *_WORDS):
+                raise self._refusal(message("one-of", names=sorted(self._kinds) or ["-"]), at)
+            levels += word == "not" or (word == "(" and before != "latch")
+            if levels > DEEPEST:
+                raise self._refusal(message("levels-at-most", count=DEEPEST), at)
+            if word == ")" and not opened:
+                raise self._refusal(message("expression-goes-on"), at)
+            opened = [*opened, levels] if word == "(" else opened[: len(opened) - (word == ")")]
+            levels = levels if word == "not" else (opened or [0])[-1]
+            source[at : at + len(word)] = _as_python(word)
+            before = word
+        if opened:
+            raise self._refusal(")", len(self._text))
+        return "".join(source)
 
-    def _takes(self, *texts: str) -> str:
-        """Step over the token and return its text if ``texts`` holds it, else nothing."""
-        text = self._here.text
-        if self._here.what == "odd" or text not in texts:
-            return ""
-        self._next += 1
-        return text
+    def _built(self, node: ast.expr) -> Expression:
+        """Return the expression of a node. Raises UsageError for a node that the language does not
+        have."""
+        match node:
+            case ast.BoolOp(op=op, values=values):
+                sides = [self._of("bit", side) for side in values]
+                return _joined(sides, decided_by=isinstance(op, ast.Or))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                inner = self._of("bit", operand)
+                return Expression("bit", inner.names, lambda *read: _not(inner.value(*read)))
+            case ast.Compare(left=left, ops=[sign], comparators=[right]):
+                return _compared(self._of("word", left), self._of("word", right), sign)
+            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as figure)):
+                return _number(-figure)
+            case ast.Constant(value=int() | float() as figure):
+                return _number(figure)
+            case ast.Call(func=ast.Name(id="latch"), args=[ast.Name() as held], keywords=[]):
+                return _latch(self._name(held), self._of("word", held))
+            case ast.Name() if self._name(node) not in _WORDS:
+                name = self._name(node)
+                return _bit(name) if self._kinds[name] == "bit" else _word(name)
+            case ast.Compare(comparators=[left, *_]) | ast.BinOp(left=left) | ast.Call(func=left):
+                raise self._misplaced(self._end(left))
+            case ast.UnaryOp(operand=left):
+                raise self._refusal(message("a-number"), self._at(left))
+        raise self._misplaced(self._end(node))
 
-    def _either(self) -> Expression:
-        at, left = self._here, self._both()
-        while self._takes("or"):
-            left, at = (
-                _joined(self._bit(left, at), self._bit_of(self._both), decided_by=True),
-                self._here,
-            )
-        return left
-
-    def _both(self) -> Expression:
-        at, left = self._here, self._negated()
-        while self._takes("and"):
-            left, at = (
-                _joined(self._bit(left, at), self._bit_of(self._negated), decided_by=False),
-                self._here,
-            )
-        return left
-
-    def _negated(self) -> Expression:
-        if self._takes("not"):
-            inner = self._deeper(lambda: self._bit_of(self._negated))
-            return Expression(
-                "bit", inner.names, lambda inputs, memory: _not(inner.value(inputs, memory))
-            )
-        return self._compared()
-
-    def _compared(self) -> Expression:
-        at, left = self._here, self._operand()
-        sign = self._takes(*_COMPARISONS)
-        if not sign:
-            return left
-        left, at = self._of("word", left, at), self._here
-        right = self._of("word", self._operand(), at)
-        return _compared(left, right, _COMPARISONS[sign])
-
-    def _operand(self) -> Expression:
-        token = self._here
-        if self._takes("("):
-            inner = self._deeper(self._either)
-            self._must(")")
-            return inner
-        if self._takes("latch"):
-            return self._latch()
-        if token.what == "number" or token.text == "-":
-            return self._number()
-        if token.what == "name" and token.text not in _WORDS:
-            self._next += 1
-            return self._named(token)
-        raise self._refusal(message("expression-begins"))
-
-    def _number(self) -> Expression:
-        minus = bool(self._takes("-"))
-        if self._here.what != "number":
-            raise self._refusal(message("a-number"))
-        figure = -float(self._here.text) if minus else float(self._here.text)
-        self._next += 1
-        return Expression("word", frozenset(), lambda _inputs, _memory: figure)
-
-    def _named(self, token: _Token) -> Expression:
-        name = token.text
-        if name not in self._kinds:
-            raise self._refusal(message("one-of", names=sorted(self._kinds) or ["-"]), token)
-        if self._kinds[name] == "bit":
-            return Expression(
-                "bit",
-                frozenset([name]),
-                lambda inputs, _: None if inputs[name] is None else bool(inputs[name]),
-            )
-        return Expression("word", frozenset([name]), lambda inputs, _: inputs[name])
-
-    def _latch(self) -> Expression:
-        self._must("(")
-        token = self._here
-        self._next += token.what == "name"
-        inner = self._of("word", self._named(token), token)
-        self._must(")")
-
-        def kept(inputs: Inputs, memory: Memory) -> Value:
-            now = inputs[token.text]
-            if now:
-                memory.last[token.text] = now
-            return memory.last.get(token.text, now)
-
-        return Expression("word", inner.names, kept)
-
-    def _deeper(self, part: Callable[[], Expression]) -> Expression:
-        self._depth += 1
-        if self._depth > DEEPEST:
-            raise self._refusal(message("levels-at-most", count=DEEPEST))
-        found = part()
-        self._depth -= 1
-        return found
-
-    def _must(self, text: str) -> None:
-        if not self._takes(text):
-            raise self._refusal(text)
-
-    def _bit_of(self, part: Callable[[], Expression]) -> Expression:
-        at = self._here
-        return self._bit(part(), at)
-
-    def _bit(self, found: Expression, at: _Token) -> Expression:
-        return self._of("bit", found, at)
-
-    def _of(self, kind: Kind, found: Expression, at: _Token) -> Expression:
+    def _of(self, kind: Kind, node: ast.expr) -> Expression:
+        found = self._built(node)
         if found.kind != kind:
-            raise self._refusal(_WANTED[kind], at)
+            raise self._refusal(_WANTED[kind], self._at(node))
         return found
 
-    def _refusal(self, expected: Words, at: _Token | None = None) -> UsageError:
-        token = at or self._here
-        found = message(
-            "at-character", token=repr(token.text), place=token.at + 1, text=repr(self._text)
+    def _name(self, node: ast.Name) -> str:
+        return self._text[self._at(node) : self._end(node)]
+
+    def _at(self, node: ast.expr) -> int:
+        return self._begin + node.col_offset
+
+    def _end(self, node: ast.expr) -> int:
+        return self._begin + (node.end_col_offset or 0)
+
+    def _misplaced(self, at: int) -> UsageError:
+        """Return the refusal of a token that may not stand there."""
+        before = self._text[:at].rstrip()
+        ended = before.endswith(")") or (
+            before[-1:].isalnum() and not re.search(r"\b(and|or|not)$", before)
         )
-        if not token.text:
+        return self._refusal(message("expression-goes-on" if ended else "expression-begins"), at)
+
+    def _refusal(self, expected: Words, at: int) -> UsageError:
+        token = _TOKEN.match(self._text, at)
+        word = token[token.lastgroup] if token and token.lastgroup else ""
+        if not word:
             found = message("end-of-text", text=repr(self._text))
+        else:
+            place = self._text.index(word, at) + 1
+            found = message("at-character", token=repr(word), place=place, text=repr(self._text))
         return UsageError(self._where, expected=expected, found=found)
 
 
-def _tokens(text: str) -> list[_Token]:
-    """Return the tokens of a text, an empty one at its end."""
-    tokens, at = [], 0
-    while found := _TOKEN.match(text, at):
-        what = str(found.lastgroup)
-        tokens.append(_Token(found[what], what, found.start(what)))
-        at = found.end()
-    return [*tokens, _Token("", "end", len(text))]
+def _as_python(word: str) -> str:
+    """Return a token of the same length that Python reads as a name or a number: an input may have
+    the name of a keyword, a number may begin with zeros."""
+    if keyword.iskeyword(word) and word not in _WORDS:
+        return word.swapcase()
+    return re.sub(r"^0+(?=\d)", "", word).rjust(len(word))
 
 
-def _joined(left: Expression, right: Expression, *, decided_by: bool) -> Expression:
-    """Return both or either of two bits: a bit equal to ``decided_by`` settles the result, even if
-    the other is unknown.
+def _number(figure: float) -> Expression:
+    return Expression("word", frozenset(), lambda _inputs, _memory: float(figure))
+
+
+def _word(name: str) -> Expression:
+    return Expression("word", frozenset([name]), lambda inputs, _: inputs[name])
+
+
+def _bit(name: str) -> Expression:
+    def value(inputs: Inputs, _: Memory) -> Value:
+        return None if inputs[name] is None else bool(inputs[name])
+
+    return Expression("bit", frozenset([name]), value)
+
+
+def _latch(name: str, word: Expression) -> Expression:
+    def kept(inputs: Inputs, memory: Memory) -> Value:
+        now = inputs[name]
+        if now:
+            memory.last[name] = now
+        return memory.last.get(name, now)
+
+    return Expression("word", word.names, kept)
+
+
+def _joined(sides: Sequence[Expression], *, decided_by: bool) -> Expression:
+    """Return both or either of several bits: a bit equal to ``decided_by`` settles the result, even
+    if another is unknown. Every side is read, for the sake of its latches.
     """
 
     def value(inputs: Inputs, memory: Memory) -> Value:
-        sides = left.value(inputs, memory), right.value(inputs, memory)
-        if decided_by in sides:
+        values = [side.value(inputs, memory) for side in sides]
+        if decided_by in values:
             return decided_by
-        return None if None in sides else not decided_by
+        return None if None in values else not decided_by
 
-    return Expression("bit", left.names | right.names, value)
+    return Expression("bit", frozenset().union(*(side.names for side in sides)), value)
 
 
-def _compared(
-    left: Expression, right: Expression, holds: Callable[[float, float], bool]
-) -> Expression:
+def _compared(left: Expression, right: Expression, sign: ast.cmpop) -> Expression:
+    holds = _COMPARISONS[type(sign)]
+
     def value(inputs: Inputs, memory: Memory) -> Value:
         one, other = left.value(inputs, memory), right.value(inputs, memory)
         return None if one is None or other is None else holds(one, other)

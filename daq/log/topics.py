@@ -108,6 +108,7 @@ _STOP = {
     "nominal_mm": NUMBER,
     "deviation_um": NUMBER,
     "beam": NUMBER,
+    "count": INTEGER,
     "broken": TEXT,
     "unwatched": TEXT,
     "doubtful": TEXT,

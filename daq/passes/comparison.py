@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from stepdiag.base.messages import message
+from stepdiag.daq.passes import slips
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.slips import (
@@ -61,6 +62,51 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
         if votes[index] == max(votes.values()) and not against[index]:
             against[index] = (doubt,)
     return against
+
+
+def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
+    """Return the largest loss of count on the way to a stop, in um, that the other passes of the
+    setup leave possible; infinite where none was counted through there.
+
+    A pass in another order of axes does not make the same step.
+    """
+    if not each.whole:
+        return float("inf")
+    one = _Readings(each, _one_sided(each))
+    place = stop if one.outward else len(each.route) - stop
+    return max(
+        (
+            _between(one, other, place)
+            for other in others
+            if other is not each and other.whole and _counted_through(each, other, place)
+        ),
+        default=float("inf"),
+    )
+
+
+def _counted_through(each: Pass, other: Pass, place: int) -> bool:
+    """Return whether another pass was driven over the same stops as a pass, and has the step to an
+    outward stop in one stretch of its count."""
+    along, against = (1 if one.route.outward else -1 for one in (each, other))
+    stop = place if other.route.outward else len(other.route) - place
+    return other.stretch_at(stop) == other.stretch_at(stop - 1) and np.array_equal(
+        each.route.stops_mm[::along], other.route.stops_mm[::against]
+    )
+
+
+def _between(one: "_Readings", other: Pass, place: int) -> float:
+    two = _Readings(other, _one_sided(other))
+    low, high = max(one.low, two.low), min(one.high, two.high)
+    if not low < place < high:
+        return float("inf")
+    between = slice(low, high - 1)
+    return slips.may_hide_um(
+        (two.off_um - one.off_um)[low:high],
+        np.hypot(one.u_um, two.u_um)[low:high],
+        one.axes[between],
+        one.share[between],
+        place - 1 - low,
+    )
 
 
 def _seen_before(each: Pass, step: Step) -> bool:

@@ -1,9 +1,19 @@
 """Passes of a setup on one unbroken count of the laser, and their common zero."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stepdiag.daq.passes.driven import Pass
+
+CLOCK_S = 2.0
+"""The time of day after a power cut: a computer's clock without a network starts in whole
+seconds."""
+TIMED_S = 0.005
+"""Times of two stops of one stretch, by the instrument's own number."""
+CHANCE = 0.1
+"""Largest share of a number's values that fits a time by chance; a laser that was switched on anew
+counts its travel from zero, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,6 +24,44 @@ class Counted:
     driven: Pass
     zero: int
     offset_mm: float
+
+
+@dataclass(slots=True)
+class Numbered:
+    """First and last stop of an unbroken stretch that carry the instrument's own number: the number
+    and its time in s. None before the first."""
+
+    first: tuple[int, float] | None = None
+    last: tuple[int, float] | None = None
+
+    def add(self, count: int | None, time_s: float) -> None:
+        """Take the next stop; one without a number adds nothing."""
+        if count is not None:
+            self.last = count, time_s
+            self.first = self.first or self.last
+
+
+def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | None:
+    """Return whether the instrument's own number went on between two stretches as the time of day
+    did: then the instrument ran all the while. None without numbers to judge by.
+
+    The number's rate is that within the longer stretch.
+    """
+    if before.first is None or before.last is None or after.first is None or after.last is None:
+        return None
+    runs = ((each.first, each.last) for each in (before, after) if each.first and each.last)
+    (first, begun_s), (last, ended_s) = max(runs, key=lambda run: run[1][1] - run[0][1])
+    run_s = ended_s - begun_s
+    if run_s <= 0.0:
+        return None
+    rate_hz, away_s = (last - first) / run_s, after.first[1] - before.last[1]
+    unsure = rate_hz * (CLOCK_S + TIMED_S * max(away_s, 0.0) / run_s)
+    if away_s <= 0.0 or 2.0 * unsure > CHANCE * repeats_after:
+        return None
+    off = after.first[0] - before.last[0] - rate_hz * away_s
+    if math.isfinite(repeats_after):
+        off = (off + repeats_after / 2.0) % repeats_after - repeats_after / 2.0
+    return abs(off) <= unsure
 
 
 def on_one_count(passes: Sequence[Pass]) -> list[Counted]:

@@ -15,6 +15,7 @@ from stepdiag.daq.passes.stretches import (
     OnZero,
     Slip,
     Stretches,
+    Unwatched,
     Zero,
     Zeros,
     on_zero,
@@ -85,10 +86,8 @@ class Pass:
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
             code = "window-step" if "window-step" in stop.doubt_codes else "laser-unwatched"
-            self._stretches.unwatched[stretch] = (
-                self._stretch,
-                message("before-stop", why=stop.unwatched, stop=stop.stop),
-                code,
+            self._stretches.unwatched[stretch] = Unwatched(
+                self._stretch, stop.stop, stop.unwatched, code
             )
         if slip_um is not None:
             self._stretches.slips[stretch] = Slip(stop.stop, slip_um)
@@ -212,6 +211,27 @@ class Pass:
             last=len(self.route) - 1,
         )
 
+    def stretch_at(self, index: int) -> int | None:
+        """Return the stretch of count of the measurement in use at a stop; None without one."""
+        return self._used[index].stretch if index in self.chosen() else None
+
+    def cuts(self) -> dict[int, Unwatched]:
+        """Return the unwatched times of the readings in use, by the stretch afterwards: of those
+        between a stop and the next."""
+        return {
+            stretch: cut
+            for stretch, cut in self._stretches.unwatched.items()
+            if cut.code == "laser-unwatched"
+            and cut.before == stretch - 1
+            and (self.stretch_at(cut.stop - 1), self.stretch_at(cut.stop)) == (cut.before, stretch)
+        }
+
+    def judge(self, cut: Unwatched, *, proven: bool, unproven: Words = "") -> None:
+        """Take whether the count is proven to have held over an unwatched time, or why not."""
+        if (proven, unproven) != (cut.proven, cut.unproven):
+            cut.proven, cut.unproven = proven, unproven
+            self._zeros = self._chosen = None
+
     def _zero_at(self, index: int) -> Zero | None:
         return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None
 
@@ -252,7 +272,7 @@ class Pass:
                 else message("again-or-accept", why=words)
             )
         doubted = self._doubted(still)
-        stops, why = _listed(doubted), self.doubt(doubted[0])
+        stops, why = doubted, self.doubt(doubted[0])
         if self.is_driven:
             return message("or-accept", why=message("stops-why", stops=stops, why=why))
         if not self._may_go_on():
@@ -265,14 +285,13 @@ class Pass:
         missing = self.missing
         if not missing:
             return self.why_doubtful()
-        listed = _listed(missing)
         again = (
             message("again-from-or-whole", stop=self.again_from())
             if self._may_go_on()
             else message("whole-pass-again")
         )
         if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
-            return message("stops-misfit", stops=listed, misfit_um=misfit_um)
+            return message("stops-misfit", stops=missing, misfit_um=misfit_um)
         lost = [index for index in missing if index in self.measured]
         if lost:
             reasons = [
@@ -282,8 +301,8 @@ class Pass:
                 if entry.stop.broken
             ]
             why = reasons[0] if reasons else message("count-was-lost")
-            return message("stops-without-start", stops=listed, why=why, again=again)
-        return message("stops-missing", stops=listed, again=again)
+            return message("stops-without-start", stops=missing, why=why, again=again)
+        return message("stops-missing", stops=missing, again=again)
 
     def again_from(self) -> int:
         """Return the stop from which to drive again; 0: the whole pass."""
@@ -315,7 +334,3 @@ class Pass:
             self.placed
             or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
         )
-
-
-def _listed(stops: Sequence[int]) -> str:
-    return ", ".join(str(index) for index in stops[:6]) + (" .." if len(stops) > 6 else "")

@@ -1,23 +1,26 @@
 """All passes of a survey: which pass a stop belongs to, what is wanted next, and what may be
 off."""
 
+import math
 from collections.abc import Iterable
 
 from msgspec.structs import replace
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import Message, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.naming.route import Route, route_of
 from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
-from stepdiag.daq.passes.comparison import compare
+from stepdiag.daq.passes.comparison import compare, may_hide_um
+from stepdiag.daq.passes.counts import Numbered, went_on
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.stretches import same_um
 from stepdiag.daq.survey.assumed import assumptions_of
+from stepdiag.daq.survey.formats import repeats_after
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break
 
@@ -43,6 +46,9 @@ class PassBook:
         """Number of stops taken, usable or not."""
         self.time_stated: TimeStated | None = None
         self._credible: dict[str, Credible] = {}
+        self._numbered: dict[int, Numbered] = {}
+        """The instrument's own number within each stretch of count."""
+        self._repeats_after = repeats_after(survey)
         self._known: dict[int, float] = {}
         self._believed: tuple[float, ...] = ()
         self._placed = places_known(survey)
@@ -68,14 +74,17 @@ class PassBook:
         while self._suspicions and self._suspicions[0][0] <= self.stops:
             self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
+        self._numbered.setdefault(self._stretch, Numbered()).add(stop.count, stop.time_s)
         current = self.driven = self._current(stop)
         slip_um = current.differs_um(stop, self._stretch)
         if slip_um is not None:
             self._stretch += 1
+            self._numbered[self._stretch] = Numbered()
             self._news.append(_slipped(current, stop, slip_um))
         current.add(stop, self._stretch, slip_um)
         self._know(stop, current, anew=bool(stop.broken) or slip_um is not None)
         self._compare(stop.setup)
+        self._prove(stop.setup)
         self.stops += 1
         self._credible.update(credible_of(stop))
         self.last = stop
@@ -284,6 +293,32 @@ class PassBook:
         )
         self._news += [_as_finding(doubt) for doubt in new]
 
+    def _prove(self, setup: str) -> None:
+        """Judge whether the count held over the unwatched times of a setup's passes: the
+        instrument's own number went on, and the other passes leave no room for a lost count.
+
+        A number proves that the instrument ran, not that the beam was free.
+        """
+        passes = self.of(setup)
+        for each in passes:
+            for stretch, cut in each.cuts().items():
+                ran = went_on(
+                    self._numbered[cut.before], self._numbered[stretch], self._repeats_after
+                )
+                hidden_um = may_hide_um(each, cut.stop, passes) if ran else math.inf
+                proven = bool(hidden_um <= self._same_um)
+                if proven and not cut.proven:
+                    held = message(
+                        "laser-unwatched.held", stop=cut.stop, why=cut.why, hidden_um=hidden_um
+                    )
+                    place = each.doubted(each.chosen()[cut.stop], held.code, held).at
+                    self._news.append(finding("info", held, place))
+                each.judge(
+                    cut,
+                    proven=proven,
+                    unproven="" if proven else _unproven(ran, hidden_um, self._same_um),
+                )
+
     def _current(self, stop: CapturedStop) -> Pass:
         last = self.last
         if (
@@ -334,6 +369,18 @@ def _believed_only(stop: CapturedStop) -> bool:
     stop.
     """
     return "place-unknown" in stop.doubt_codes
+
+
+def _unproven(ran: bool | None, hidden_um: float, most_um: float) -> Words:
+    """Return why a count is not proven to have held; empty for an instrument without a number of
+    its own."""
+    if ran is None:
+        return ""
+    if not ran:
+        return message("number-does-not-fit")
+    if math.isinf(hidden_um):
+        return message("beam-unchecked")
+    return message("beam-unsure", hidden_um=hidden_um, most_um=most_um)
 
 
 def _slipped(each: Pass, stop: CapturedStop, slip_um: float) -> Finding:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.daq.capture.standing.window import MAD_TO_SIGMA
+from stepdiag.daq.passes.stretches import SURE
 
 Vector = NDArray[np.float64]
 
@@ -71,14 +72,40 @@ def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector)
     return _outlier(steps_um, noise_um, LEAST_UM, usual_um)
 
 
+def may_hide_um(
+    values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector, at: int
+) -> float:
+    """Return the largest loss of count, in um, that may lie in a step of an otherwise smooth
+    sequence: the step itself and what such steps scatter; infinite for fewer than three steps.
+
+    Arguments as in `step_in`; ``at`` is the index of the step.
+    """
+    steps_um = np.diff(values_um)
+    if len(steps_um) < 3:
+        return float("inf")
+    off_um = np.abs(steps_um - np.median(np.delete(steps_um, at)))
+    scatter_um, few = _scatter_of_axis(off_um, axes, share, at)
+    noise_um = max(scatter_um, float(np.hypot(u_um[at], u_um[at + 1])), FLOOR_UM)
+    return float(off_um[at]) + SURE * few * noise_um
+
+
 def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) -> float:
-    """Return how large a step may be by the others of its axis: so many robust standard deviations;
-    of few, by those of all axes."""
+    """Return how large a step may be by the others of its axis: so many robust standard
+    deviations."""
+    scatter_um, few = _scatter_of_axis(off_um, axes, share, at)
+    return TIMES_NOISE * few * scatter_um
+
+
+def _scatter_of_axis(
+    off_um: Vector, axes: Sequence[str], share: Vector, at: int
+) -> tuple[float, float]:
+    """Return the robust standard deviation of a step by the others of its axis, of few by those of
+    all axes, and the factor for their small number."""
     others = np.arange(len(off_um)) != at
     own = others & (np.array(axes) == axes[at])
     used = own if np.count_nonzero(own) >= OWN_STEPS else others
     scatter_um = MAD_TO_SIGMA * float(share[at] * np.median(off_um[used] / share[used]))
-    return TIMES_NOISE * (1.0 + FEW_OF_AXIS / np.count_nonzero(used)) * scatter_um
+    return scatter_um, 1.0 + FEW_OF_AXIS / int(np.count_nonzero(used))
 
 
 def odd_step(

@@ -81,6 +81,34 @@ class Zero:
     size_um: float | None = None
 
 
+@dataclass(slots=True)
+class Unwatched:
+    """A time between two stretches in which the count may have been lost: the stretch before, the
+    first stop afterwards, why, and the finding's code.
+
+    ``proven``: the instrument's own number and the other passes prove that the count held;
+    ``unproven``: why they do not, as far as they are there.
+    """
+
+    before: int
+    stop: int
+    why: Words
+    code: str
+    proven: bool = False
+    unproven: Words = ""
+
+    @property
+    def doubt(self) -> Words:
+        """Return the reason of the doubt; empty where the count is proven to have held."""
+        if self.proven:
+            return ""
+        if self.unproven:
+            return message(
+                "before-stop.unproven", why=self.why, stop=self.stop, unproven=self.unproven
+            )
+        return message("before-stop", why=self.why, stop=self.stop)
+
+
 @dataclass(frozen=True, slots=True)
 class Slip:
     """A stop that reads otherwise than before although nothing was seen to happen to the laser."""
@@ -99,9 +127,8 @@ class Stretches:
     same_um: float = SAME_UM
     """Largest difference in um of a stop measured twice."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
-    unwatched: dict[int, tuple[int, Words, str]] = field(default_factory=dict)
-    """Of a stretch before which the count may have been lost: the stretch before it, why, and the
-    finding's code."""
+    unwatched: dict[int, Unwatched] = field(default_factory=dict)
+    """The unwatched time before a stretch."""
     slips: dict[int, Slip] = field(default_factory=dict)
     """The stop and the size of the slip with which a stretch began."""
 
@@ -130,7 +157,8 @@ class Stretches:
         The zero of the first stop's stretch is 0; if another stretch alone gives the whole pass,
         the pass was repeated and the last such stretch counts. Stretches are joined by common
         stops. A stretch after an unwatched time is taken to have kept its count, and doubted,
-        unless a common stop gives its offset. A stretch that cannot be joined is absent.
+        unless a common stop gives its offset or the count is proven to have held. A stretch that
+        cannot be joined is absent.
         """
         bases = dict.fromkeys(
             entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries
@@ -230,12 +258,11 @@ class Stretches:
         """Assume that a further stretch kept the count of the stretch before; return whether there
         was one.
         """
-        for stretch, (before, why, code) in self.unwatched.items():
-            if stretch not in zeros and before in zeros:
-                known = zeros[before]
-                zeros[stretch] = Zero(
-                    known.offset_mm, known.doubt or why, known.code or code, known.size_um
-                )
+        for stretch, cut in self.unwatched.items():
+            if stretch not in zeros and cut.before in zeros:
+                known, doubt = zeros[cut.before], cut.doubt
+                code = known.code or (cut.code if doubt else "")
+                zeros[stretch] = Zero(known.offset_mm, known.doubt or doubt, code, known.size_um)
                 return True
         return False
 

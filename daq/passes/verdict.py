@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 
 from stepdiag.base.findings import Finding, Severity, finding
-from stepdiag.base.messages import Message, Place, message
+from stepdiag.base.messages import Message, Place, message, where
 from stepdiag.daq.capture.conditions import CONDITIONS, COURSES
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
@@ -94,17 +94,22 @@ def _arguments(why: object) -> Iterator[object]:
         yield from _arguments(part)
 
 
+def _placed(doubt: Doubt) -> Message:
+    return message("doubted-at", place=where(doubt.at), what=doubt.why)
+
+
 def _as_finding(doubt: Doubt) -> Finding:
-    return _finding("error", doubt, message("doubted-at", place=doubt.place, what=doubt.words))
+    return _finding("error", doubt, _placed(doubt))
 
 
 def _accepted(doubt: Doubt, word: Acceptance) -> Finding:
     moment = datetime.fromtimestamp(word.time_s, UTC).isoformat(timespec="seconds")
-    what = message("doubted-at", place=doubt.place, what=doubt.words)
     return _finding(
         "warning",
         doubt,
-        message("doubt-accepted", what=what, name=word.name, time=moment, reason=word.reason),
+        message(
+            "doubt-accepted", what=_placed(doubt), name=word.name, time=moment, reason=word.reason
+        ),
     )
 
 

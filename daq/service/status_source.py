@@ -13,9 +13,8 @@ import structlog
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import finding
-from stepdiag.base.messages import Message, Words, excerpt, joined, message
+from stepdiag.base.messages import Message, Words, excerpt, joined, message, where
 from stepdiag.daq.log.recorder import Recorder
-from stepdiag.daq.passes.doubt import places_of
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.recording.verdicts import accept, doubts_at
@@ -232,15 +231,19 @@ class DaemonStatusSource:
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks. Raises UsageError where the present state does not
         allow it."""
-        _log.info(
-            "command",
-            name=name,
-            **{
-                f"given_{key}" if key == "name" else key: arguments[key]
-                for key in _ARGUMENTS
-                if key in arguments
-            },
-        )
+        _log.info("command", name=name, **_logged(arguments))
+        working = self._at_work
+        match name:
+            case "accept":
+                await self._accept(working.session, arguments)
+            case "correct":
+                await working.correct(_line("name", arguments.get("name", "")))
+            case _:
+                self._order(name, arguments)
+        self.news()
+
+    def _order(self, name: CommandName, arguments: Mapping[str, str]) -> None:
+        """Do what waits for nothing."""
         working = self._at_work
         session = working.session
         match name:
@@ -259,21 +262,17 @@ class DaemonStatusSource:
                 self._certify(working.finisher)
             case "take":
                 self._take(working)
-            case "accept" | "correct":
-                await (
-                    self._accept(session, arguments)
-                    if name == "accept"
-                    else working.correct(_line("name", arguments.get("name", "")))
-                )
             case "name":
-                session.round.run.update(
-                    {
-                        key: _line(key, arguments[key])
-                        for key in ("operator", "workpiece")
-                        if key in arguments
-                    }
-                )
-        self.news()
+                _name(session, arguments)
+
+
+def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
+    """Return the arguments of an order as fields of the journal, where ``name`` is the order."""
+    return {
+        f"given_{key}" if key == "name" else key: arguments[key]
+        for key in _ARGUMENTS
+        if key in arguments
+    }
 
 
 def found_now(session: Session) -> Message:
@@ -294,6 +293,13 @@ def _start(working: Working) -> None:
     working.paused = False
 
 
+def _name(session: Session, arguments: Mapping[str, str]) -> None:
+    """Take the names of operator and workpiece as far as given."""
+    for key in ("operator", "workpiece"):
+        if key in arguments:
+            session.round.run[key] = _line(key, arguments[key])
+
+
 def _abort(session: Session) -> None:
     if not session.recording:
         raise UsageError(
@@ -309,7 +315,8 @@ def _idle(session: Session, setup: str) -> Message:
     if session.book.wrong_line:
         return message("waits-corrected", line=session.book.wrong_line)
     if session.book.whole() and setup:
-        return message("waits-doubted", places=places_of(session.book.doubts()), setup=setup)
+        places = list(dict.fromkeys(where(doubt.at) for doubt in session.book.doubts()))
+        return message("waits-doubted", places=places, setup=setup)
     if session.survey.plc.silent and setup:
         return message("waits-begin", setup=setup)
     return message("waits-program", setup=setup) if setup else message("waits-complete")

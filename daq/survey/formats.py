@@ -19,7 +19,7 @@ from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.records.events import Stream
 from stepdiag.daq.survey.environment import AIR, NAMES
 from stepdiag.daq.survey.models import AirSensor, FramesSection, Head, Laser, LineSection, Survey
-from stepdiag.daq.timing.samples import Decoder
+from stepdiag.daq.timing.samples import CountingDecoder, Decoder
 
 LASER_TELLS = {"ids3010": AIR, "lasertex": NAMES}
 """The quantities of a laser's own sensors: the IDS3010's environmental unit, Lasertex' wireless
@@ -32,6 +32,13 @@ def laser_decoder(survey: Survey) -> Decoder:
     return make_decoder(
         survey.laser.format, laser_settings(survey.laser, air=survey.environment.source == "laser")
     )
+
+
+def repeats_after(survey: Survey) -> float:
+    """Return how many values the laser's own number of a sample has before it repeats; 0 for a
+    laser without one."""
+    decoder = laser_decoder(survey)
+    return decoder.repeats_after if isinstance(decoder, CountingDecoder) else 0.0
 
 
 def head_decoder(survey: Survey) -> Decoder:

@@ -105,6 +105,15 @@ class Decoder(Protocol):
 
 
 @runtime_checkable
+class CountingDecoder(Decoder, Protocol):
+    """A decoder of an instrument that may number its samples itself."""
+
+    repeats_after: float
+    """How many values the instrument's number has before it repeats; infinite where it never
+    does."""
+
+
+@runtime_checkable
 class SteadyDecoder(Decoder, Protocol):
     """A decoder that takes many chunks in little more time than a single chunk, as long as they
     hold only plain samples.

@@ -225,6 +225,16 @@ class StreamBuffer:
             unusable=int(np.count_nonzero(inside & ~usable)),
         )
 
+    def count_at(self, time_ns: float) -> int | None:
+        """Return the instrument's own number of the sample nearest to a time; None where the host
+        numbers the samples, or no sample lies near."""
+        near = self._around(time_ns - UNWATCHED_NS, time_ns + UNWATCHED_NS)
+        if not self._decoder.gaps_visible or not near:
+            return None
+        off_ns = [np.abs(self._times(batch, clock) - time_ns) for batch, clock in near]
+        nearest = int(np.argmin([np.min(off) for off in off_ns]))
+        return int(near[nearest][0].counter[int(np.argmin(off_ns[nearest]))])
+
     def drained(self) -> list[tuple[NDArray[np.float64], Samples]]:
         """Return all stored samples with their times in ns, and discard them: for the decoding of a
         whole log.

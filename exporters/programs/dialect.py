@@ -176,7 +176,7 @@ class Dialect(ABC):
     def _stop_blocks(self, job: Job, each: Pass, stop: Stop) -> Iterator[str]:
         axis = f"{stop.axis} moves" if stop.axis else "first stop"
         yield self.comment(
-            f"{_spoken(job.setup)} pass {each.number} stop {stop.stop} of {len(each.stops) - 1}: "
+            f"{_spoken(job.setup)} pass {each.number} stop {stop.stop + 1} of {len(each.stops)}: "
             f"{axis}"
         )
         yield self._moved(job, stop.position_mm)

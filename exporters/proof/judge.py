@@ -127,13 +127,13 @@ class _Case:
                 message("proof-run"), expected=message("proof-sees"), found=message("nothing")
             )
         self.fit: Measured = regressed(self.ways, self.change_um, self.seen)
-        self.kinds = {table.name: table.kind for table in self.tables if table.name in self.seen}
+        self.kinds = {table.name: table.kind for table in self.tables}
         self.groups = self._groups()
 
     def _groups(self) -> list[tuple[str, ...]]:
         kinds = [
             tuple(name for name in self.seen if self.kinds[name] == kind)
-            for kind in dict.fromkeys(self.kinds.values())
+            for kind in dict.fromkeys(self.kinds[name] for name in self.seen)
         ]
         return list(dict.fromkeys([*((name,) for name in self.seen), *kinds, tuple(self.seen)]))
 
@@ -230,7 +230,11 @@ def prove(
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
         best = found
-    proved = tuple(_proved(case, best, name, result) for name in case.seen)
+    unseen = dict.fromkeys(table.name for table in case.tables if table.name not in case.seen)
+    proved = (
+        *(_proved(case, best, name, result) for name in case.seen),
+        *(_unseen(case, name, result) for name in unseen),
+    )
     return Proof(
         tables=proved, sigma_um=case.fit.sigma_um, further=_further(case, before, after, proved)
     )
@@ -263,15 +267,6 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
         for other in case.others(best)
         if other.states[name][0] != code and case.misfit(other) < least
     }
-    sized_um = rms(
-        np.concatenate(
-            [
-                table.absolute_um - np.mean(table.absolute_um)
-                for table in case.tables
-                if table.name == name
-            ]
-        )
-    )
     states = [*remain, (code, factor)]
     off = max(np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states)
     return Proved(
@@ -281,8 +276,27 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
         factor=float(case.fit.factor[at]),
         u=float(case.fit.u[at]),
         seen_um=rms(seen - np.mean(seen)),
-        harmless=bool(off * sized_um <= _unknown_um(result, name)),
+        harmless=bool(off * _size_um(case, name) <= _unknown_um(result, name)),
     )
+
+
+def _unseen(case: _Case, name: str, result: Result) -> Proved:
+    """Return the verdict on tables of which the setups that were driven see nothing: any state."""
+    return Proved(
+        function=name,
+        kind=case.kinds[name],
+        code=None,
+        factor=0.0,
+        u=1.0,
+        seen_um=0.0,
+        harmless=bool(2.0 * _size_um(case, name) <= _unknown_um(result, name)),
+    )
+
+
+def _size_um(case: _Case, name: str) -> float:
+    """Return the size of the tables of a function, rms about their means."""
+    values = [table.absolute_um for table in case.tables if table.name == name]
+    return rms(np.concatenate([each - np.mean(each) for each in values]))
 
 
 def _code(factor: float, u: float) -> Code:

@@ -6,7 +6,7 @@ minimal detectable bias). The size needs no reading: a plan states it before the
 after, by the same figures.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
@@ -63,9 +63,11 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
     )
 
 
-def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips | None:
-    """Return for diagonals and runs along an axis the most harmful unseen slip (um; None: of any
-    size); None without either.
+def slips_report(
+    fit: MixedFit, layout: Layout, design: Design, wanted: Collection[str] = tuple(KINDS)
+) -> UnseenSlips | None:
+    """Return for the ``wanted`` of diagonals and runs along an axis the most harmful unseen slip
+    (um; None: of any size); None without either.
 
     ``volume_um`` is the effect of a slip of ``half_um`` there on the errors over the volume (rms),
     as far as identified, ``readings_um`` the effect of the readings' noise (k = 1). ``passes`` are
@@ -78,7 +80,8 @@ def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips |
         stands_out(fit, layout),
     )
     noise_um = field.noise_um()
-    for name, kinds in KINDS.items():
+    for name in wanted:
+        kinds = KINDS[name]
         # in a count too short to be looked through nothing is seen, whatever its size
         every = [
             _Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf)

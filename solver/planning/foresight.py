@@ -197,7 +197,7 @@ class Foresight:
         (`slips_report`), None without a diagonal: only shown surveys need it."""
         if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
             return None
-        found = slips_report(self._mixed[0], self.layout, self._mixed[1])
+        found = slips_report(self._mixed[0], self.layout, self._mixed[1], ["diagonals"])
         return found.diagonals if found else None
 
     def hides(self) -> Words:

@@ -14,9 +14,9 @@ there. Lines are weighed on few increments (`COARSE`): their ranking does not de
 fineness.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,13 @@ LEAST_MISSED = 6
 """Number of the least valuable lines tried for removal in each exchange."""
 LEAST_GAIN = 3e-3
 """Of the figure: an exchange that gains less is none."""
+TOGETHER = 8
+"""Lines laid out at once: each has causes of its own, so that the patterns of all together are
+mostly zeros."""
+KEPT = 2
+"""Choices whose covariance is kept: the next exchange begins with one of them."""
+_NOTHING = 1e-10
+"""Share of the largest part of the mean square below which a part is rounding."""
 _TOLD = 1e-3
 """Precision (1 / um^2) below which a line adds next to nothing to the usual sizes: 30 um."""
 
@@ -76,7 +83,14 @@ def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
             dwell_s=dwell,
         )
         for dwell in dict.fromkeys((dwell_s, *about.dwells_s))
-        for repeats, back in ((1, False), (1, True), (2, False), (3, False), (2, True))
+        for repeats, back in (
+            (1, False),
+            (1, True),
+            (2, False),
+            (3, False),
+            (2, True),
+            (3, True),
+        )
     ]
 
 
@@ -151,6 +165,41 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Through:
+    """The lines as a choice of lines leaves them to be seen: with its covariance C and the factors
+    B of each line ``inner`` B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..), and the
+    mean square over the volume that it leaves."""
+
+    square_um2: float
+    inner: Vector
+    shown: Vector
+    across: Vector
+
+    def without(self, line: int, factors: Vector) -> "_Through":
+        """Return the same without a line of the choice; ``across`` stays that of the choice."""
+        count, rank, size = self.across.shape
+        lost = np.linalg.inv(np.eye(rank) - self.inner[line])
+        cross = (self.across.reshape(-1, size) @ factors[line].T).reshape(count, rank, rank)
+        share = cross @ lost
+        return _Through(
+            square_um2=self.square_um2
+            + float(np.sum((lost @ self.shown[line]) * self.shown[line])),
+            inner=self.inner + share @ np.swapaxes(cross, 1, 2),
+            shown=self.shown + share @ self.shown[line],
+            across=self.across,
+        )
+
+    def changed(self, sign: float) -> Vector:
+        """Return the mean square with each of the lines beside the choice (``sign`` +1), or without
+        it (-1), shape (lines,)."""
+        inner = np.eye(self.inner.shape[1]) + sign * self.inner
+        outer = self.shown @ np.swapaxes(self.shown, 1, 2)
+        gain = np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2)
+        found: Vector = self.square_um2 - sign * gain
+        return found
+
+
 class Exchange:
     """Information of the lines on offer, driven in one way, and the search among them.
 
@@ -170,44 +219,65 @@ class Exchange:
         self._survey = replace(survey, runs=(), pace=replace(survey.pace, dwell_s=ways.dwell_s))
         self._about, self._ways = about, ways
         self.lines = tuple(lines)
-        coarse = replace(survey.volume, increments=weighed_on)
-        laser = [run for run in (*map(ways.of, lines), *done) if not run.is_fourdof]
-        named = [
+        self._coarse = replace(survey.volume, increments=weighed_on)
+        self._driven = [
             replace(run, setup=f"{run.travel.base}+{place + 1}", targets=0)
-            for place, run in enumerate(laser)
+            for place, run in enumerate((*map(ways.of, lines), *done))
         ]
-        layout = lay_out(
-            perfect_readings(
-                Plan(volume=coarse, runs=tuple(named)), about.reading_um(ways.dwell_s)
-            ),
-            "plan",
-            coarse,
-        )
-        self._ahead = Foresight(
-            layout=layout,
-            chain=about.chain,
-            assumed=about.assumed,
-            increments=weighed_on,
-            aim=about.aim,
-            zone=about.zone,
-        )
-        each = dict(
-            zip((setup.name for setup in layout.setups), self._ahead.by_setup.each, strict=True)
-        )
-        names = iter(run.setup for run in named)
-        nothing = np.zeros_like(self._ahead.by_setup.each[0])
-        self._each = np.array([nothing if run.is_fourdof else each[next(names)] for run in lines])
+        self._information: dict[int, Vector] = {}
+        before = range(len(lines), len(self._driven))
+        heads = {place for place, run in enumerate(self._driven) if run.is_fourdof}
+        first = next(place for place in range(len(self._driven)) if place not in heads)
+        self._ahead = self._laid_out([first])
+        measured = [run for run in done if run.is_fourdof]
+        known_before = _known_angles(self._ahead, about, measured)
+        for place in heads.difference(before):
+            more = _known_angles(self._ahead, about, [*measured, lines[place]]) - known_before
+            self._information[place] = np.diag(more)
+        known = self._each(place for place in before if place not in heads)
+        self._usual = self._ahead.of.precision() + np.sum(known, axis=0) + np.diag(known_before)
+        self._seen = self._ahead.of.seen
         self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
-        self._head = np.array([run.is_fourdof for run in lines])
-        known = [each[name] for name in names]
-        self._usual, self._seen = (
-            self._ahead.of.precision() + np.sum([nothing, *known], axis=0),
-            self._ahead.of.seen,
-        )
-        self._measured = [run for run in done if run.is_fourdof]
         stands = replace(self._survey, runs=tuple(done[-1:]))
         self._setting_min = np.array([setup_minutes(stands, run) for run in lines])
         self._driving_min: dict[int, Vector] = {}
+        self._square_um2: dict[frozenset[int], float] = {}
+        self._added_um2: dict[frozenset[int], Vector] = {}
+        self._covariance = lru_cache(KEPT)(self._inverted)
+        self._through = lru_cache(KEPT)(self._seen_through)
+
+    def _laid_out(self, places: Sequence[int]) -> Foresight:
+        """Work out the information of some lines; return what a survey of them foresees."""
+        layout = lay_out(
+            perfect_readings(
+                Plan(volume=self._coarse, runs=tuple(self._driven[place] for place in places)),
+                self._about.reading_um(self._ways.dwell_s),
+            ),
+            "plan",
+            self._coarse,
+        )
+        ahead = Foresight(
+            layout=layout,
+            chain=self._about.chain,
+            assumed=self._about.assumed,
+            increments=self._coarse.increments,
+            aim=self._about.aim,
+            zone=self._about.zone,
+        )
+        place_of = {self._driven[place].setup: place for place in places}
+        for setup, information in zip(layout.setups, ahead.by_setup.each, strict=True):
+            self._information[place_of[setup.name]] = information
+        return ahead
+
+    def _each(self, places: Iterable[int]) -> Vector:
+        """Return the information of some lines, shape (places, q, q). A way of driving that is
+        weighed on a few lines alone is worked out for these alone."""
+        wanted = list(places)
+        missing = [place for place in wanted if place not in self._information]
+        for first in range(0, len(missing), TOGETHER):
+            self._laid_out(missing[first : first + TOGETHER])
+        size = len(self._ahead.of.causes)
+        return np.array([self._information[place] for place in wanted]).reshape(-1, size, size)
 
     def _driving(self, increments: int) -> Vector:
         if increments not in self._driving_min:
@@ -231,11 +301,19 @@ class Exchange:
 
     @cached_property
     def _factors(self) -> Vector:
-        """Return B of every line, shape (lines, q, r)."""
-        value, vector = np.linalg.eigh(self._each)
+        """Return B' of every line, shape (lines, r, q)."""
+        value, vector = np.linalg.eigh(self._each(range(len(self.lines))))
         most = int(np.max(np.sum(value > _TOLD, axis=1), initial=1))
-        kept: Vector = vector[:, :, -most:] * np.sqrt(np.maximum(value[:, None, -most:], 0.0))
-        return kept
+        kept = vector[:, :, -most:] * np.sqrt(np.maximum(value[:, None, -most:], 0.0))
+        return np.ascontiguousarray(np.swapaxes(kept, 1, 2))
+
+    @cached_property
+    def _shows(self) -> Vector:
+        """Return h, shape (q, k): the unknowns as far as the volume's error shows them."""
+        value, vector = np.linalg.eigh(self._seen)
+        kept = value > _NOTHING * value[-1]
+        shown: Vector = vector[:, kept] * np.sqrt(value[kept])
+        return shown
 
     def minutes(self, chosen: Sequence[int], increments: int) -> float:
         """Return how long lines take."""
@@ -262,46 +340,54 @@ class Exchange:
         fits[some] = False
         return np.flatnonzero(fits)
 
-    def _covariance(self, chosen: Sequence[int]) -> Vector:
-        some = list(chosen)
-        precision = self._usual + np.sum(self._each[some], axis=0)
-        measured = self._measured + [self.lines[place] for place in some if self._head[place]]
-        return inverse(
-            precision + np.diag(_known_angles(self._ahead, self._about, measured))
-            if measured
-            else precision
-        )
+    def _inverted(self, chosen: frozenset[int]) -> Vector:
+        return inverse(self._usual + np.sum(self._each(sorted(chosen)), axis=0))
 
     def square_um2(self, chosen: Sequence[int]) -> float:
         """Return the mean square over the volume of what lines leave, without what no line
         lowers."""
-        return float(np.sum(self._covariance(chosen) * self._seen))
+        some = frozenset(chosen)
+        if some not in self._square_um2:
+            self._square_um2[some] = float(np.sum(self._covariance(some) * self._seen))
+        return self._square_um2[some]
 
     def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
         """Return by how much lines lower the mean square of the error of one machine, mean and
         standard deviation: the error without them is that with them and what they add to the
         knowledge, which are independent."""
-        with_them = self._covariance(chosen) @ self._seen
-        added = self._covariance(()) @ self._seen - with_them
+        with_them = self._covariance(frozenset(chosen)) @ self._seen
+        added = self._covariance(frozenset()) @ self._seen - with_them
         variance = 2.0 * np.sum(added * added.T) + 4.0 * np.sum(with_them * added.T)
         return float(np.trace(added)), float(np.sqrt(variance))
 
-    def _changed(self, chosen: Sequence[int], lines: NDArray[np.int64], sign: float) -> Vector:
-        """Return the mean square with each of some further lines (``sign`` +1) or without each of
-        the chosen lines (-1), shape (lines,).
+    def _seen_through(self, chosen: frozenset[int]) -> _Through:
+        factors = self._factors
+        count, rank, size = factors.shape
+        across = (factors.reshape(-1, size) @ self._covariance(chosen)).reshape(factors.shape)
+        return _Through(
+            square_um2=self.square_um2([*chosen]),
+            inner=across @ np.swapaxes(factors, 1, 2),
+            shown=(across.reshape(-1, size) @ self._shows).reshape(count, rank, -1),
+            across=across,
+        )
+
+    def weighed(self, chosen: Sequence[int], without: Sequence[int] = ()) -> Vector:
+        """Return the mean square with each of all lines beside the chosen lines, or beside these
+        without one, shape (lines,).
+
+        The searches of all times meet the same choices: each is computed once.
         """
-        covariance, factors = self._covariance(chosen), self._factors[lines]
-        moved = covariance @ factors
-        inner = np.eye(moved.shape[2]) + sign * (np.swapaxes(factors, 1, 2) @ moved)
-        outer = np.swapaxes(moved, 1, 2) @ (self._seen @ moved)
-        gain = np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2)
-        found: Vector = float(np.sum(covariance * self._seen)) - sign * gain
-        for place in np.flatnonzero(self._head[lines]):
-            line = int(lines[place])
-            found[place] = self.square_um2(
-                [*chosen, line] if sign > 0 else [other for other in chosen if other != line]
-            )
-        return found
+        left = frozenset(chosen).difference(without)
+        if left not in self._added_um2:
+            through = self._through(frozenset(chosen))
+            for line in without:
+                through = through.without(line, self._factors)
+            self._added_um2[left] = through.changed(1.0)
+        return self._added_um2[left]
+
+    def _without_each(self, chosen: Sequence[int]) -> Vector:
+        """Return the mean square without each of the chosen lines, shape (chosen,)."""
+        return self._through(frozenset(chosen)).changed(-1.0)[list(chosen)]
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
         """Return the lines after exchanges, within a time; each exchange has the largest gain."""
@@ -310,13 +396,17 @@ class Exchange:
         while True:
             best = ((square + beside) * (1.0 - LEAST_GAIN) - beside, now)
             missed = (
-                np.argsort(self._changed(now, np.array(now), -1.0), kind="stable")[:LEAST_MISSED]
+                np.argsort(self._without_each(now), kind="stable")[:LEAST_MISSED].tolist()
                 if now
                 else ()
             )
-            for left in (now, *(now[:place] + now[place + 1 :] for place in missed)):
+            for without in ([], *([now[place]] for place in missed)):
+                left = [line for line in now if line not in without]
                 fitting = self._fitting(left, increments, limit_min)
-                if len(fitting) and (found := self._changed(left, fitting, 1.0)).min() < best[0]:
+                if not len(fitting):
+                    continue
+                found = self.weighed(now, without)[fitting]
+                if found.min() < best[0]:
                     # of lines that are as good the plainest, which is offered first
                     first = int(
                         np.argmax((found <= found.min() + LEAST_GAIN * beside) & (found < best[0]))

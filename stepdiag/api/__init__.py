@@ -215,4 +215,4 @@ def certificate(
     beside = Beside(
         laboratory=stated, files=[Path(file) for file in files], report=shown, left=after
     )
-    return write_certificate(Path(result), Path(out), beside)
+    return write_certificate(Path(result), result_in(Path(result)), Path(out), beside)

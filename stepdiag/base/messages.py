@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from stepdiag.texts.patterns import Kind, Slot, sentences, slots
 from stepdiag.texts.ranges import ranges
+from stepdiag.texts.setup_words import setup_words
 from stepdiag.texts.texts import LANGUAGES, Language, localised
 
 Way = Literal["", "out", "back"]
@@ -101,15 +102,13 @@ def _checked(key: str, arguments: Mapping[str, Argument]) -> Message:
 def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
     """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
     match kind:
-        case (
-            "name"
-        ):  # mypy sees to its type; a refusal is no place to break at what it could not see
+        case "name" | "setup":  # mypy checks the type: a refusal must not break at its own words
             return value if isinstance(value, Message) else shortened(str(value))
         case "number" if isinstance(value, int | float):
             return float(value)
-        case "whole" if hasattr(value, "__index__"):
+        case "whole" | "stop" | "pass" if hasattr(value, "__index__"):
             return int(value)
-        case "stops" if isinstance(value, Sequence) and not isinstance(value, str):
+        case "ranges" | "stops" if isinstance(value, Sequence) and not isinstance(value, str):
             return tuple(int(item) for item in value)  # type: ignore[arg-type]
         case "list" | "each" | "or" | "and" if isinstance(value, Sequence) and not isinstance(
             value, str
@@ -139,13 +138,21 @@ def rendered(words: Words, language: Language) -> str:
 
 
 def _filled(slot: Slot, value: Any, language: Language) -> str:
+    if isinstance(value, Message | str):  # a log of an older version holds some numbers as words
+        text = rendered(value, language)
+        return setup_words(text, language) if slot.kind == "setup" else text
     match slot.kind:
-        case "name":
-            return rendered(value, language)
         case "whole" | "number":
             text = format(value, slot.form)
             return text.replace(".", ",") if language == "de" else text
+        case "stop":
+            return str(value + 1)
         case "stops":
+            return ranges([stop + 1 for stop in value])
+        case "pass":
+            way = way_of("out" if value % 2 else "back")
+            return rendered(message("pass-way", number=value, way=way), language)
+        case "ranges":
             return ranges(value)
         case kind:
             return _BETWEEN[kind][language].join(rendered(item, language) for item in value)
@@ -172,6 +179,17 @@ def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
     if place.stop is None:
         return message("in-pass", **run)
     return message("at-stop-of", stop=place.stop, last=place.last or 0, **run)
+
+
+def where(place: Place) -> Words:
+    """Return a place in words: setup and pass, and the stop where it is known; empty without a
+    pass."""
+    if place.pass_number is None:
+        return ""
+    about: dict[str, Argument] = {"setup": place.setup, "number": place.pass_number}
+    if place.stop is None:
+        return message("pass-of-setup", **about)
+    return message("stop-of-setup", stop=place.stop, **about)
 
 
 def joined(parts: Sequence[Words]) -> Words:

@@ -9,6 +9,7 @@ known key. A value ``"?"`` is an open question.
 import difflib
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterator
 from types import NoneType, UnionType
@@ -18,7 +19,6 @@ import msgspec
 from msgspec import inspect
 
 from stepdiag.base.csv_table import LARGEST
-from stepdiag.base.dotted_names import longer_than
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import Message, Words, excerpt, message, message_of
 
@@ -26,7 +26,12 @@ Model = TypeVar("Model", bound=msgspec.Struct)
 
 UNANSWERED: Literal["?"] = "?"
 _DEEPEST = 20
-"""Parts of a dotted name: the cost of the TOML reader grows with their square."""
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_LONG_NAME = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
+"""A name of too many parts: time and memory of the TOML reader grow with the square of their number
+(32 kB of one name: 1 GB), so no limit of the file's size that a survey file fits in is enough. A
+comment or a text that looks like such a name is refused too. No name begins behind a backslash;
+looked for there, texts of escaped quotes would cost a square of their own."""
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
     inspect.DictType: message("a-table"),
@@ -39,12 +44,11 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
     """Return the tables of a TOML text; a byte order mark is passed over. Raises ``UsageError``
     with the line where it is no TOML."""
     text = text.removeprefix("\ufeff")
-    deep = longer_than(_DEEPEST, text)
-    if deep is not None:
+    if deep := _LONG_NAME.search(text):
         raise UsageError(
-            f"{source}: line {deep.line}",
+            f"{source}: line {text.count(chr(10), 0, deep.start()) + 1}",
             expected=message("names-at-most-parts", deepest=_DEEPEST),
-            found=show(deep.text),
+            found=show(deep.group()),
         )
     try:
         return tomllib.loads(text)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.files import read_bytes, write_together
-from stepdiag.base.result.result import result_in
+from stepdiag.base.result.result import Result, result_in
 from stepdiag.certificate.archival import archival
 from stepdiag.certificate.custody import LETTERHEAD, PROFILE, REPORT, accepted_in, links_of
 from stepdiag.certificate.document import certificate_of
@@ -33,9 +33,11 @@ class Beside:
     key_certificate: Path | None = None
 
 
-def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None = None) -> int:
-    """Write the certificate of a result's file, with ``pdf`` the report's print with the
-    certificate in it; return the number of its sources.
+def write_certificate(
+    result: Path, found: Result, out: Path, beside: Beside, pdf: Path | None = None
+) -> int:
+    """Write the certificate of a result's file and of the result ``found`` in it, with ``pdf`` the
+    report's print with the certificate in it; return the number of its sources.
 
     Raises UsageError for an existing file in its place, DataError for files that do not belong to
     the result.
@@ -46,7 +48,7 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
         *((role, path) for role, path in named if path is not None),
     ]
     links = links_of(result, beside.laboratory, left=beside.left, files=given)
-    found, left = result_in(result), None if beside.left is None else result_in(beside.left)
+    left = None if beside.left is None else result_in(beside.left)
     accepted = accepted_in(result.parent) if any(role == "accepted" for role, _, _ in links) else ()
     data = document(
         certificate_of(

@@ -62,9 +62,9 @@ def accept(
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
     for doubt in doubts:
-        print_words(message("accepted-doubt", place=doubt.place, what=doubt.words))
+        print_words(message("accepted-doubt", what=doubt.words))
     for left in standing_of(survey).doubts:
-        print_words(message("still-doubted", place=left.place, what=left.words))
+        print_words(message("still-doubted", what=left.words))
 
 
 def _moment(text: str | None) -> "datetime":

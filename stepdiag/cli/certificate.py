@@ -58,7 +58,6 @@ def certificate(
         )
     if pdf is not None and pdf.suffix.lower() != ".pdf":
         raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
-    read_result(result)
     left = None if after is None else result_file(after)
     beside = Beside(
         laboratory=laboratory,
@@ -70,7 +69,8 @@ def certificate(
         key=key,
         key_certificate=key_certificate,
     )
-    links = write_certificate(result_file(result), out, beside, pdf)
+    found = read_result(result)
+    links = write_certificate(result_file(result), found, out, beside, pdf)
     print_words(message("certificate-rests", path=str(out), count=links))
 
 
@@ -83,6 +83,7 @@ def certify_folder(folder: Path) -> Path:
     any. An existing certificate stays: the next has a number.
     """
     from stepdiag.base.files import read_text
+    from stepdiag.base.result.result import result_in
     from stepdiag.certificate.reports import language_of
     from stepdiag.certificate.written import Beside, write_certificate
     from stepdiag.daq.records.survey_folder import RESULT
@@ -106,9 +107,9 @@ def certify_folder(folder: Path) -> Path:
         ReportFiles(result=folder / RESULT, laboratory=laboratory, language=language)
     )
     (report,) = write_report(made, out.with_suffix(".html"))
-    write_certificate(
-        folder / RESULT, out, Beside(laboratory=laboratory, files=files, report=report)
-    )
+    result = folder / RESULT
+    beside = Beside(laboratory=laboratory, files=files, report=report)
+    write_certificate(result, result_in(result), out, beside)
     return out
 
 

@@ -14,7 +14,7 @@ from stepdiag.cli.completion import AsJson, Verbose, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, compared, print_compared
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import print_lines, print_words, shown, viewers_language
+from stepdiag.terminal.viewer import print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,7 +145,7 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
     _print_load(written)
-    print_lines([shown(message("how-to-load"))])
+    print_words(message("how-to-load"))
 
 
 def _print_load(written: "ExportReport") -> None:
@@ -153,7 +153,7 @@ def _print_load(written: "ExportReport") -> None:
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
-        print_lines([render(sentence, viewers_language())])
+        print_words(render(sentence, viewers_language()))
 
 
 def import_(

@@ -8,7 +8,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.cli.completion import AsJson, Verbose
-from stepdiag.terminal.viewer import empty_table, print_lines, print_words, shown
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -140,16 +140,14 @@ def _print_table(found: "Demonstrated", *, verbose: bool) -> None:
             "demo-promise-kept" if each.kept else "demo-promise-broken"
         )
         words = shown(message(key, of=each.of, stated=each.stated.words(), true_um=each.true_um))
-        print_lines([words[0].upper() + words[1:]])
+        print_words(words[0].upper() + words[1:])
     if verbose:
-        print_lines(concluded_in(found.round))
-        print_lines([shown(message("demo-forms"))])
+        print_words(*concluded_in(found.round))
+        print_words(message("demo-forms"))
     report = str(found.round / "report.html")
-    print_lines(
-        [
-            shown(message("demo-done", seconds_s=found.seconds, path=report)),
-            shown(message("demo-next", folder=str(found.folder))),
-        ]
+    print_words(
+        message("demo-done", seconds_s=found.seconds, path=report),
+        message("demo-next", folder=str(found.folder)),
     )
 
 

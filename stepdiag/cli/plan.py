@@ -12,7 +12,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson, Verbose
 from stepdiag.cli.granted import say_assumed
-from stepdiag.terminal.viewer import print_lines, print_words, shown
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.runs import Plan
@@ -217,12 +217,12 @@ def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:
     from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
-    print_lines([shown(in_words(advice.forecast))])
+    print_words(in_words(advice.forecast))
     if verbose:
         console.print(forecast_table(advice.forecast))
     console.print(front_table(advice, verbose=verbose))
     if advice.best is not None:
-        print_lines([shown(message("best-survey", what=in_words(advice.best)))])
+        print_words(message("best-survey", what=in_words(advice.best)))
         if verbose:
             console.print(forecast_table(advice.best))
     elif asked:

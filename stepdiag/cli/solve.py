@@ -15,7 +15,7 @@ from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson, Verbose
 from stepdiag.cli.runs import files_of, with_files
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import print_lines, print_words, shown, viewers_language
+from stepdiag.terminal.viewer import print_words, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 MOST_TRIALS = 2_000_000
 CLOSED = ("least-squares", "wang2000")
 """Methods that take the readings alone."""
+DETAILS = frozenset({"unknown_usual", "unknown_slip_passes"})
+"""Sentences about what is not identified that `--verbose` and the report show."""
 CHAIN = "FXYZ"
 """The default chain of readings."""
 
@@ -112,21 +114,24 @@ def solve(
     if as_json:
         typer.echo(result.to_json(), nl=False)
     else:
-        print_lines(concluded(result, verbose=verbose))
+        print_words(*concluded(result, verbose=verbose))
         if verbose:
             print_tables(result)
         print_findings(result.findings, verbose=verbose)
         if out is not None:
-            print_lines([shown(message("written-to", path=str(out)))])
+            print_words(message("written-to", path=str(out)))
 
 
 def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
-    """Return the conclusion of a result alone, as lines of a terminal; without ``verbose`` not what
-    it rests on."""
+    """Return the conclusion of a result alone, as lines of a terminal; without ``verbose`` less of
+    what it rests on, so that it fits a screen."""
     from stepdiag.conclusion import conclude, conclusion_document
 
-    document = conclusion_document(conclude(result))
-    return in_lines(document if verbose else {**document, "basis": []})
+    found = conclude(result)
+    if not verbose:
+        first = [one for one in found.unknown if one.key not in DETAILS]
+        found = replace(found, basis=(), unknown=tuple(first))
+    return in_lines(conclusion_document(found))
 
 
 def in_lines(document: "Mapping[str, Any]") -> list[str]:

@@ -208,7 +208,7 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
     if not still:
         return
     suspects = {doubt for each in replayed.book.passes for doubt in each.suspected}
-    named = joined([message("doubted-at", place=doubt.place, what=doubt.words) for doubt in still])
+    named = joined([doubt.words for doubt in still])
     note_judgement(
         out,
         Judgement(

@@ -195,7 +195,11 @@ def action_words(proof: Proof) -> Message:
             if further
             else message("proof.open", open=undecided)
         )
-    return message("proof", each=[words_of(each) for each in proof.tables])
+    factors = [
+        message("proof-factor", name=each.function, factor=each.factor, expanded=2.0 * each.u)
+        for each in proof.tables
+    ]
+    return message("proof", each=factors)
 
 
 def words_of(each: Proved) -> Message:

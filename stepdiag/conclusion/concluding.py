@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Words, joined
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.readings import pass_words
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
 from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, UnseenSlip
@@ -104,19 +105,18 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     """Return the conclusion. The effect of compensation is the first export's prediction, else the
     result's own.
     """
-    wrong = _wrong(contributions_of(result))
-    proof = next((one for one in result.findings if one.code == PROOF), None)
-    exported = next((each.reach for each in exports if each.reach is not None), None)
-    reach = (exported or reach_in(result)) if result.volume.solid else None
     counts = {
         severity: sum(one.severity == severity for one in result.findings)
         for severity in ("error", "warning", "info")
     }
+    proof = next((one for one in result.findings if one.code == PROOF), None)
+    if proof is not None:
+        return _of_proof(proof, counts)
+    exported = next((each.reach for each in exports if each.reach is not None), None)
+    reach = (exported or reach_in(result)) if result.volume.solid else None
     return Conclusion(
-        wrong=tuple((one, _wrong_sentence(one)) for one in wrong),
-        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())]))
-        if proof is None
-        else (),
+        wrong=tuple((one, _wrong_sentence(one)) for one in _wrong(contributions_of(result))),
+        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])),
         reach=reach,
         reached=(
             *_reached(reach, result, refused=_all_refused(exports)),
@@ -125,10 +125,24 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         ),
         verdict=tuple(verdict_sentences(judged_in(result, exported))),
         basis=tuple(_basis(basis_of(result))),
-        load=tuple(loadable(exports)) if proof is None else (),
-        next_step=_next_step(result, exports, counts)
-        if proof is None
-        else Sentence(key="next_proof", arguments={"what": proof.words}),
+        load=tuple(loadable(exports)),
+        next_step=_next_step(result, exports, counts),
+        findings=counts,
+    )
+
+
+def _of_proof(found: Finding, counts: dict[str, int]) -> Conclusion:
+    """Return the conclusion of a proof run: its verdict. A diagonal and a line state nothing about
+    the machine's errors."""
+    return Conclusion(
+        wrong=(),
+        unknown=(),
+        reach=None,
+        reached=(),
+        verdict=(),
+        basis=(),
+        load=(),
+        next_step=Sentence(key="next_proof", arguments={"what": found.words}),
         findings=counts,
     )
 
@@ -224,8 +238,8 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
-        yield Sentence(key="unknown_slip_any", arguments={"place": blind.place})
-    passes = [name for one in slips for name in one.passes]
+        yield Sentence(key="unknown_slip_any", arguments={"place": blind.where})
+    passes = [pass_words(name) for one in slips for name in one.passes]
     worst = max(
         (one for one in slips if one.half_um is not None),
         key=lambda one: one.volume_um or 0.0,
@@ -236,7 +250,7 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
         yield Sentence(
             key="unknown_slip",
             arguments={
-                "place": worst.place,
+                "place": worst.where,
                 **{name: _um(size or 0.0) for name, size in sizes.items()},
             },
         )
@@ -244,7 +258,7 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
         readings_um = max(one.readings_um or 0.0 for one in slips)
         yield Sentence(
             key="unknown_slip_passes",
-            arguments={"passes": ", ".join(passes), "readings": _um(readings_um)},
+            arguments={"passes": joined(passes), "readings": _um(readings_um)},
         )
 
 

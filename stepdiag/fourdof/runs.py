@@ -150,8 +150,8 @@ def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
 def _evaluate(
     survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles
 ) -> _PassSeen:
-    name = f"{each.route.setup} pass {each.number}"
     place = message("setup-pass", setup=each.route.setup, number=each.number)
+    name = str(place)
     axis = AXES.index(each.route.travel.axis)
     run = section.run_along(AXES[axis])
     stops = list(each.chosen().values())
@@ -268,7 +268,7 @@ def _distance_mm(
         missing = stops[int(np.argmin(np.isfinite(reading)))].stop
         remedy = message("put-head-distance-commanded")
         raise DataError(
-            f"{name}: stop {missing}",
+            message("stop-in-run", run=name, stop=missing),
             expected=message("reading-laser-for-distance"),
             found=message("none"),
             remedy=remedy,

@@ -1,7 +1,8 @@
 """The stage of the work, and its most important sentence now: set up, align, drive, trouble, done.
 
 A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list
-holds sentences of its own. The browser puts them into the words of the language chosen there.
+holds sentences of its own; stops are counted from 1. The browser puts them into the words of the
+language chosen there.
 """
 
 from dataclasses import dataclass, field
@@ -69,8 +70,8 @@ def _trouble(now: Snapshot) -> Headline | None:
         if now.counts_to is not None and not now.driven_out:
             return _alarm(
                 "alarm_go_back" if now.beam_lost else "alarm_count",
-                Say("do_go_back", {"stop": now.counts_to}),
-                {"stop": now.counts_to, "last": now.stops_in_pass - 1},
+                Say("do_go_back", {"stop": now.counts_to + 1}),
+                {"stop": now.counts_to + 1},
             )
         if now.beam_lost and not now.driven_out:
             return _alarm("alarm_beam", Say("do_beam"))
@@ -105,7 +106,14 @@ def _repeat(now: Snapshot, drive: DriveStatus) -> Headline:
 
 def _repeated(drive: DriveStatus) -> Say:
     key = "again_whole" if drive.from_stop == 0 else "again_from"
-    return Say(key, {"setup": drive.setup, "pass": drive.pass_number, "stop": drive.from_stop})
+    about = _pass(drive.setup, drive.pass_number)
+    return Say(key, {**about, "stop": drive.from_stop + 1})
+
+
+def _pass(setup: str, number: int) -> "dict[str, str | int | list[Say]]":
+    """Return setup, number and direction of a pass as a sentence takes them: odd passes lead
+    outward."""
+    return {"setup": setup, "pass": number, "way": [Say("outward" if number % 2 else "return")]}
 
 
 def _quiet(now: Snapshot) -> Headline:
@@ -150,14 +158,12 @@ def _underway(now: Snapshot) -> Headline:
 
 def _driving(now: Snapshot) -> Say:
     key = "phase_dwelling" if now.phase == "dwelling" else "phase_waiting_stop"
-    return Say(key, {"stop": now.expects_stop, "last": now.stops_in_pass - 1})
+    about = _pass(now.expects_setup, now.expects_pass)
+    return Say(key, {**about, "stop": now.expects_stop + 1, "last": now.stops_in_pass})
 
 
 def _way(now: Snapshot) -> Say:
-    values: dict[str, str | int | list[Say]] = {
-        "setup": now.expects_setup,
-        "pass": now.expects_pass,
-    }
+    values = _pass(now.expects_setup, now.expects_pass)
     if now.moving_axis:
         return Say("do_running_axis", {**values, "axis": now.moving_axis.upper()})
     return Say("do_running", values)
@@ -178,14 +184,10 @@ def _set_up(now: Snapshot) -> Say:
     if not setup:
         return Say("do_any")
     travel = setup_of(setup)
-    values: dict[str, str | int | list[Say]] = {"program": [_program(now, setup)]}
-    if travel.axis:
-        return Say(f"do_{travel.kind}", {**values, "axis": travel.axis.upper()})
-    corner = [
-        Say("corner_low" if sign == "p" else "corner_high", {"axis": name})
-        for sign, name in zip(travel.base, "XYZ", strict=True)
-    ]
-    return Say("do_body", {**values, "diagonal": travel.base, "corner": corner})
+    return Say(
+        f"do_{travel.kind if travel.axis else 'body'}",
+        {"setup": setup, "axis": travel.axis.upper(), "program": [_program(now, setup)]},
+    )
 
 
 def _program(now: Snapshot, setup: str) -> Say:

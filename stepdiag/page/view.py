@@ -11,11 +11,12 @@ from typing import Any
 import msgspec
 
 from stepdiag.base.findings import in_words
-from stepdiag.base.messages import in_every_language
+from stepdiag.base.messages import in_every_language, where
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
 from stepdiag.texts.explained import advice_of
+from stepdiag.texts.setup_words import setup_words
 
 SLOW_FIELDS = (
     "survey",
@@ -74,6 +75,7 @@ def now_view(now: Snapshot) -> dict[str, Any]:
 def _setup(one: SetupStatus) -> dict[str, Any]:
     return {
         **msgspec.to_builtins(one),
+        "words": {language: setup_words(one.name, language) for language in LANGUAGES},
         "reason": in_every_language(one.reason),
         "doubt": in_every_language(one.doubt),
     }
@@ -120,8 +122,8 @@ def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     severity = max((one.severity for one in members), key=SEVERITIES.index)
     sentence = {language: in_words(last.finding, language, stops) for language in LANGUAGES}
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
-    places = sorted({one.place for one in members if one.place})
-    about = {"state": last.state, "places": places, "word": last.word}
+    places = {one.place: in_every_language(where(one.at)) for one in members if one.place}
+    about = {"state": last.state, "places": dict(sorted(places.items())), "word": last.word}
     return {
         "code": last.code,
         "severity": severity,

@@ -81,7 +81,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     figures = {
         "functions": function_figures(result, words),
         "field": field_figures(result, correction, words) if result.volume.solid else [],
-        "measured": measured.setup_figures(layout, words) if layout is not None else [],
+        "measured": measured.setup_figures(layout, words, language) if layout is not None else [],
         "closure": closure_figures(result, words),
     }
     standards = _standards(result, layout, readings)
@@ -94,7 +94,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "signatures": certificate.signatures(laboratory, words),
         "machine": sections.machine_table(result, words),
         "conditions": sections.conditions_table(result, readings, words),
-        "setups": sections.setups_table(result, words),
+        "setups": sections.setups_table(result, words, language),
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
         "lengths": sections.lengths_table(result, words),
@@ -104,7 +104,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result, words),
         "assumptions": sections.assumptions_table(result, words, language),
-        "slips": sections.slips_table(result, words),
+        "slips": sections.slips_table(result, words, language),
         "history": sections.history_table(result, words, language),
         "recordings": sections.recordings_table(result, words),
     }

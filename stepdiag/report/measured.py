@@ -11,6 +11,8 @@ from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
 from stepdiag.solver.methods.standard_figures import way_mm
 from stepdiag.solver.model.layout import Layout, lay_out
+from stepdiag.texts.setup_words import setup_words
+from stepdiag.texts.texts import Language
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:
@@ -19,16 +21,19 @@ def layout_of(readings: Readings, result: Result) -> Layout:
     return lay_out(readings, "readings", result.volume)
 
 
-def setup_figures(layout: Layout, words: Mapping[str, str]) -> list[Figure]:
+def setup_figures(layout: Layout, words: Mapping[str, str], language: Language) -> list[Figure]:
     """Return a figure per setup: deviation over the way along the beam, a line per pass; a return
     pass with a new zero is joined to the outward pass.
     """
     return [
-        _setup_figure(layout, index, setup.name, words) for index, setup in enumerate(layout.setups)
+        _setup_figure(layout, index, setup.name, words, language)
+        for index, setup in enumerate(layout.setups)
     ]
 
 
-def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str]) -> Figure:
+def _setup_figure(
+    layout: Layout, index: int, name: str, words: Mapping[str, str], language: Language
+) -> Figure:
     rows = np.flatnonzero(layout.setup_index == index)
     way = way_mm(layout, rows)
     lines, far, zero = [], 0.0, -1
@@ -43,7 +48,10 @@ def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str
         )
         label = f"{key.number}: {words['outward' if key.outward else 'return']}"
         lines.append(Series(label=label, x=way[np.isin(rows, mine)], y=deviation))
-    drawing = charts.line_chart(lines, label=name, x_label=words["way"], y_label=words["deviation"])
+    title = setup_words(name, language)
+    drawing = charts.line_chart(
+        lines, label=title, x_label=words["way"], y_label=words["deviation"]
+    )
     columns = np.column_stack(
         [layout.stop[rows], way, layout.deviation_um[rows], layout.u_um[rows]]
     ).tolist()
@@ -53,7 +61,7 @@ def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str
     ]
     return Figure(
         name=f"setup-{name}",
-        title=name,
+        title=title,
         drawing=drawing,
         table=csv_table(["pass", "stop", "way_mm", "deviation_um", "u_um"], table),
     )

@@ -20,6 +20,7 @@ from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
 from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.texts.explained import finding_advice
+from stepdiag.texts.setup_words import setup_words
 from stepdiag.texts.texts import UNITS, Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
@@ -135,7 +136,7 @@ def _from_to(value: object) -> str:
     return shown(value)
 
 
-def setups_table(result: Result, words: Mapping[str, str]) -> Table:
+def setups_table(result: Result, words: Mapping[str, str], language: Language) -> Table:
     """Return a row per setup: its passes, and its mirror, drift and repeatability."""
     setups = dict(list(result.setups.items())[:MOST_ROWS])
     columns = [
@@ -144,7 +145,10 @@ def setups_table(result: Result, words: Mapping[str, str]) -> Table:
         if any(getattr(facts, column) not in (None, ()) for facts in setups.values())
     ]
     rows = [
-        (name, *(_setup_fact(getattr(facts, column), words) for column in columns))
+        (
+            setup_words(name, language),
+            *(_setup_fact(getattr(facts, column), words) for column in columns),
+        )
         for name, facts in setups.items()
     ]
     return Table(
@@ -482,10 +486,13 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
     return Table(header=(words["file"], "SHA-256"), rows=rows) if rows else None
 
 
-def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
+def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
     """Return the largest unseen slip of the count, if the result has it (``unseen_slip``)."""
     rows = [
-        (shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um)))
+        (
+            rendered(each.where, language),
+            *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um)),
+        )
         for each in result.unseen_slip or ()
     ]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))

@@ -15,7 +15,7 @@ from stepdiag.base.result.interval import decimals_of_u
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.terminal.printable import printable
-from stepdiag.terminal.viewer import empty_table, print_lines, shown
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 from stepdiag.texts.texts import UNITS
 
 MARKS: dict[Severity, Message] = {
@@ -53,9 +53,9 @@ def print_tables(result: Result) -> None:
 def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
     """Print findings, the severest first; without ``verbose`` the notes as their number."""
     notes = 0 if verbose else sum(each.severity == "info" for each in findings)
-    print_lines(finding_lines([each for each in findings if verbose or each.severity != "info"]))
+    print_words(*finding_lines([each for each in findings if verbose or each.severity != "info"]))
     if notes:
-        print_lines([shown(message("notes-beside", count=notes))])
+        print_words(message("notes-beside", count=notes))
 
 
 def function_table(result: Result) -> Table:

@@ -1,8 +1,10 @@
 """The language of who reads a terminal, and what is shown there in it."""
 
 import os
+import re
+import shutil
+import sys
 import textwrap
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from stepdiag.base.errors import UsageError
@@ -33,26 +35,27 @@ def language_named(wanted: str) -> Language:
     return chosen
 
 
-def print_words(words: Words, *, err: bool = False) -> None:
-    """Print a message in the language of its reader."""
+def print_words(*lines: Words, err: bool = False) -> None:
+    """Print messages in the language of their reader: wrapped at words on a terminal, each under
+    its own indent; whole where a file or a program reads them."""
     import typer
 
-    typer.echo(shown(words), err=err)
+    terminal = (sys.stderr if err else sys.stdout).isatty()
+    for line in "\n".join(map(shown, lines)).split("\n") if lines else ():
+        typer.echo(_wrapped(line) if terminal else line, err=err)
 
 
-def print_lines(lines: Iterable[str]) -> None:
-    """Print lines of text: wrapped at words on a terminal, under their own indent; whole where a
-    file or a program reads them."""
-    from rich.console import Console
-
-    console = Console(markup=False, highlight=False)
-    for line in lines:
-        indent = " " * (len(line) - len(line.lstrip()) + 2)
-        width = console.width if console.is_terminal else max(len(line), 1)
-        console.print(
-            textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False),
-            soft_wrap=True,
-        )
+def _wrapped(line: str) -> str:
+    """Return a line at most as wide as the terminal; a command in backquotes stays whole, so that
+    it can be copied."""
+    whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), line)
+    return textwrap.fill(
+        whole,
+        shutil.get_terminal_size().columns,
+        subsequent_indent=" " * (len(line) - len(line.lstrip()) + 2),
+        break_on_hyphens=False,
+        break_long_words=False,
+    ).replace("\0", " ")
 
 
 def shown(words: Words) -> str:

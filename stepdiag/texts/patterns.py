@@ -8,7 +8,11 @@ A slot's format is its type, the same in every language:
     {size_um:+.1f}    a number; its unit is in its name
     {names:list}      names or messages with commas between them; ``each`` with semicolons, ``or``
     and ``and`` with that word
-    {stops:stops}     whole numbers as ranges: 5-7, 9
+    {passes:ranges}   whole numbers as ranges: 5-7, 9
+    {stop:stop}       a stop of a pass: the program counts from 0, a person reads from 1
+    {stops:stops}     stops as ranges, read from 1
+    {number:pass}     the number of a pass with its direction: odd passes lead outward
+    {setup:setup}     a setup: a diagonal by its corners, with the short name beside them
 
 A key of ``[finding]`` is a code, or a code and a variant behind a dot (``"stop-outlier.alone"``); a
 key of ``[phrase]`` is held by others.
@@ -23,7 +27,20 @@ from typing import Literal, get_args
 
 from stepdiag.texts.texts import LANGUAGES, Language
 
-Kind = Literal["name", "whole", "number", "list", "each", "or", "and", "stops"]
+Kind = Literal[
+    "name",
+    "whole",
+    "number",
+    "list",
+    "each",
+    "or",
+    "and",
+    "ranges",
+    "stop",
+    "stops",
+    "pass",
+    "setup",
+]
 _BY_NAME = frozenset(get_args(Kind)) - {"name", "whole", "number"}
 FLOORS = ("base", "solver", "exporters", "daq", "stepdiag")
 

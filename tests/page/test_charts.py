@@ -60,8 +60,8 @@ def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: S
     for stop in range(9):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     expect(page.locator("#deviations")).to_have_attribute("data-points", "[9]")
-    assert values_at(page, "#deviations", key="Home") == ["0", "0,00"]
-    assert values_at(page, "#deviations", key="ArrowRight") == ["1", "0,89"]
+    assert values_at(page, "#deviations", key="Home") == ["1", "0,00"]
+    assert values_at(page, "#deviations", key="ArrowRight") == ["2", "0,89"]
     assert len(values_at(page, "#deviations")) == 2
     daemon.do(daemon.survey.complete)
     expect(page.locator("#result figure")).to_have_count(9)
@@ -90,12 +90,16 @@ def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(
     expect(page.locator("#volume .stop")).to_have_count(9)
     volume.press("PageDown")
     volume.press("PageDown")
-    expect(value).to_have_text("diagonal npp. Stop 1: 0.89 µm, X; Y; Z = 450; 0; −300 mm")
+    expect(value).to_have_text(
+        "diagonal X+Y−Z− to X−Y+Z+ (npp), out, stop 2: 0.89 µm, X; Y; Z = 450; 0; −300 mm"
+    )
     volume.press("ArrowLeft")
     page.locator("#language").click()
-    expect(value).to_have_text("Diagonale npp. Messpunkt 1: 0,89 µm, X; Y; Z = 450; 0; −300 mm")
+    expect(value).to_have_text(
+        "Diagonale X+Y−Z− nach X−Y+Z+ (npp), hin, Messpunkt 2: 0,89 µm, X; Y; Z = 450; 0; −300 mm"
+    )
     page.locator("#volume .stop").nth(8).hover()
-    expect(value).to_contain_text("Messpunkt 8: 4,80 µm")
+    expect(value).to_contain_text("Messpunkt 9: 4,80 µm")
     page.mouse.move(0, 0)
     expect(value).to_have_text("")
     head, *rows = table_of(page, "#volume")
@@ -161,14 +165,35 @@ def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served)
     seen = "JSON.parse(document.getElementById('strip').dataset.points ?? '[0, 0]')"
     wait_until(lambda: page.evaluate(seen)[0] >= 400)
     assert page.evaluate(f"(([high, low]) => high === low)({seen})")
-    expect(page.locator("#scatter")).to_contain_text(re.compile(r"half a second: 0\.\d\d µm"))
+    expect(page.locator("#scatter")).to_contain_text(
+        re.compile(r"^Plateau \S+ mm, scatter 0\.\d\d µm")
+    )
     moving = tuple(float(place) for place in range(75))
     daemon.do(
         lambda: daemon.survey.publish(
             strip=StripStatus(first=10**9, bin_s=0.02, low_mm=moving, high_mm=moving)
         )
     )
-    expect(page.locator("#scatter")).to_contain_text("half a second: – µm")
+    expect(page.locator("#scatter")).to_have_text("")
+
+
+def test_a_standing_machine_is_drawn_in_micrometres_about_its_plateau(
+    page: Page, daemon: Served
+) -> None:
+    """The reading is 282 mm from its zero; the way to the plateau leaves the picture."""
+    way = (*(282.0 + 0.01 * step for step in range(35)), *(282.35,) * 40)
+    daemon.do(
+        lambda: daemon.survey.publish(
+            strip=StripStatus(first=10**9, bin_s=0.02, low_mm=way, high_mm=way)
+        )
+    )
+    expect(page.locator("#scatter")).to_have_text(
+        "Plateau 282.3500 mm, scatter 0.00 µm in half a second"
+    )
+    rows = table_of(page, "#strip")
+    assert rows[0] == ["time_s", "high_um", "low_um"]
+    assert [float(value) for value in rows[-1]] == [0.0, 0.0, 0.0]
+    assert float(rows[-75][1]) == pytest.approx(-350.0)
 
 
 def test_marks_of_an_axis_are_written_with_the_decimals_they_need(page: Page) -> None:
@@ -185,7 +210,7 @@ def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None
     for stop in range(20):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     chart, over = page.locator("#deviations"), page.locator("#deviations .u-over")
-    expect(chart).to_have_attribute("data-range", "[0,30]")
+    expect(chart).to_have_attribute("data-range", "[1,31]")
     over.scroll_into_view_if_needed()
     page.evaluate(WRITTEN_BELOW)
     box = over.bounding_box()
@@ -194,7 +219,7 @@ def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None
     page.mouse.down()
     page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 20, steps=4)
     page.mouse.up()
-    expect(chart).not_to_have_attribute("data-range", "[0,30]")
+    expect(chart).not_to_have_attribute("data-range", "[1,31]")
     marks = page.wait_for_function("() => window.below.length > 1 && window.below").json_value()
     assert [mark for mark in marks if not mark.isdigit()] == []
     part = chart.get_attribute("data-range")
@@ -203,7 +228,7 @@ def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None
     expect(chart).to_have_attribute("data-range", part or "")
     over.focus()
     page.keyboard.press("Escape")
-    expect(chart).to_have_attribute("data-range", "[0,30]")
+    expect(chart).to_have_attribute("data-range", "[1,31]")
 
 
 def test_a_doubtful_stop_differs_in_shape(page: Page, daemon: Served) -> None:

@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Place, message
 from stepdiag.daq.records.status import AheadStatus, FindingStatus
 from testkit.browser import Watched
 from testkit.played import Served, served
@@ -91,8 +91,8 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(
     )
     daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer))
     expect(page.locator("#ahead")).to_have_text(
-        "Angles of about 30 µrad. Next: ppp on a line shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 "
-        "min."
+        "Angles of about 30 µrad. Largest gain: diagonal X-Y-Z- to X+Y+Z+ (ppp) on a line "
+        "shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
     )
     page.locator("#language").click()
     expect(page.locator("#ahead")).to_contain_text("verschoben um 150 mm in z. 2,2 -> 0,9 µm")
@@ -121,7 +121,9 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
     expect(page.locator("#pause")).to_be_hidden()
     daemon.do(lambda: daemon.survey.publish(phase="waiting-program"))
     page.locator("#abort").click()
-    expect(page.locator("#abort")).to_have_text("Press again to abort diagonal npp")
+    expect(page.locator("#abort")).to_have_text(
+        "Press again to abort diagonal X+Y−Z− to X−Y+Z+ (npp)"
+    )
     page.locator("#abort").click()
     page.locator("#more").click()
     page.locator("#zero").click()
@@ -153,12 +155,16 @@ def test_what_is_doubted_is_accepted_with_name_and_reason(page: Page, daemon: Se
         severity="warning",
         text="npp out, stop 5 of 30: ...",
         place="npp/1/5",
+        at=Place(setup="npp", way="out", pass_number=1, stop=5, last=30),
         state="open",
     )
     unlock(page)
     daemon.do(lambda: daemon.survey.publish(findings=(found,)))
     page.locator("#all-findings").click()
+    here = "diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 6"
+    expect(page.locator("#all-list button.accept")).to_have_text(f"Accept {here} …")
     page.locator("#all-list button.accept").click()
+    expect(page.locator("#accept-place")).to_have_value(here)
     page.locator("#accept-name").fill("Kim")
     page.locator("#accept-reason").fill("a hand on the cable")
     page.locator("#accept button").click()

@@ -24,7 +24,7 @@ def test_it_says_what_to_do_next(page: Page) -> None:
     """Before a pass: which way to turn the laser, what to align, which program to start."""
     expect(page.locator("#lead")).to_have_text("Align, then start program O8002")
     expect(page.locator("#advice")).to_have_text(
-        "Turn the laser to diagonal npp (from X high, Y low, Z low), align the mirror, then "
+        "Point the laser along diagonal X+Y−Z− to X−Y+Z+ (npp), align the mirror, then "
         "start program O8002."
     )
 
@@ -36,9 +36,9 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     for stop in range(11):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 2, stop))
-    expect(page.locator("#lead")).to_have_text("To stop 11 of 30")
+    expect(page.locator("#lead")).to_have_text("To stop 12 of 31, back")
     expect(page.locator("#advice")).to_have_text(
-        "diagonal npp, pass 2: Y moves. Keep the beam free."
+        "diagonal X+Y−Z− to X−Y+Z+ (npp), pass 2: Y moves. Keep the beam free."
     )
     expect(page.locator("#progress-words")).to_have_text("104 / 310")
     expect(page.locator("#volume .stop")).to_have_count(42)
@@ -137,7 +137,9 @@ def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemo
     daemon.do(lambda: daemon.survey.publish(findings=(*older, *COUNTS_LOST)))
     items = page.locator("#findings li")
     expect(items).to_have_count(3)
-    expect(items.first).to_contain_text("npp out, stops 5–12: the count was lost. ×8")
+    expect(items.first).to_contain_text(
+        "diagonal X+Y-Z- to X-Y+Z+ (npp) out, stops 6–13: the count was lost. ×8"
+    )
     assert items.first.evaluate("one => getComputedStyle(one).textDecorationLine") == "none"
     page.locator("#all-findings").click()
     expect(page.locator("#all-list li")).to_have_count(7)

@@ -52,7 +52,7 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
     with hall(tmp_path, **how) as place, daemon(place.survey) as process:
         page = real.open(f"http://127.0.0.1:{port}")
         expect(page.locator("#advice")).to_contain_text(
-            "Turn the laser to diagonal ppp (from X low, Y low, Z low)"
+            "Point the laser along diagonal X−Y−Z− to X+Y+Z+ (ppp)"
         )
         expect(page.locator("#setups li")).to_have_count(4)
         expect(page.locator("#reading")).not_to_have_text("–")
@@ -140,4 +140,4 @@ def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -
             process.process.wait()
         with daemon(place.survey):
             expect(page.locator("#offline")).to_be_hidden()
-            expect(page.locator("#lead")).to_contain_text("Set up diagonal ppp")
+            expect(page.locator("#lead")).to_contain_text("Set up diagonal X−Y−Z− to X+Y+Z+ (ppp)")

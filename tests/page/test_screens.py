@@ -1,6 +1,8 @@
 """The page on every screen, in light and dark, for eyes and fingers: a real browser while a survey
 is played."""
 
+import math
+
 import pytest
 from playwright.sync_api import expect
 
@@ -58,6 +60,23 @@ def test_the_smallest_phone_needs_no_sideways_scrolling(watched: Watched, daemon
     daemon.do(lambda: daemon.survey.publish(reading_mm=-12345.67891))
     expect(page.locator("#reading")).to_have_text("−12345.67891")
     assert page.evaluate("document.documentElement.scrollWidth") <= 320
+
+
+MM_A_PIXEL = 531.4 / 1920
+"""Of a screen of 24 inches, 16:9, with 1920 pixels in a row."""
+CAPITAL = 0.72
+"""Height of a capital letter in the page's font, in sizes of the font."""
+
+
+def test_the_advice_can_be_read_from_two_metres(watched: Watched, daemon: Served) -> None:
+    """On a screen of 24 inches a capital letter of lead and advice fills 16 minutes of arc, the
+    least of ISO 9241-303 for reading."""
+    page = watched.open(daemon.address, width=1920, height=1080)
+    daemon.do(lambda: daemon.survey.stop("npp", 1, 12))
+    for place in ("#lead", "#advice"):
+        size = page.locator(place).evaluate("one => parseFloat(getComputedStyle(one).fontSize)")
+        minutes = math.degrees(math.atan(size * CAPITAL * MM_A_PIXEL / 2000.0)) * 60.0
+        assert minutes >= 16.0, (place, size, minutes)
 
 
 def test_fingers_find_the_buttons(watched: Watched, daemon: Served) -> None:

@@ -2,6 +2,7 @@
 what a browser shows."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -28,6 +29,8 @@ from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
 from stepdiag.page.view import FAST_FIELDS, SHAPED, SLOW_FIELDS, grouped, now_view, survey_view
 from stepdiag.texts import LANGUAGES, catalogue
+from stepdiag.texts.patterns import sentences
+from stepdiag.texts.texts import Language
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
 from testkit.played import COUNTS_LOST, PlayedSurvey, Served, served
@@ -60,26 +63,26 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({"beam": 0.2}, "set-up", False, "Set up npp"),
         ({}, "align", False, "Align, then start program O8002"),
         ({"beam": None, "program": ""}, "align", False, "Align, then start the program of npp"),
-        (RUNNING, "drive", False, "To stop 6 of 30"),
-        ({**RUNNING, "phase": "dwelling"}, "drive", False, "Measuring stop 6 of 30"),
+        (RUNNING, "drive", False, "To stop 7 of 31, out"),
+        ({**RUNNING, "phase": "dwelling"}, "drive", False, "Measuring stop 7 of 31, out"),
         ({**RUNNING, "beam_lost": True}, "trouble", True, "Beam lost"),
         (
             {**RUNNING, "counts_to": 5},
             "trouble",
             True,
-            "Count lost: this pass counts to stop 5. Go back to stop 5 now",
+            "Count lost: go back to stop 6 now",
         ),
         (
             {**RUNNING, "counts_to": 5, "beam_lost": True},
             "trouble",
             True,
-            "Beam lost: this pass counts to stop 5. Go back to stop 5 now",
+            "Beam lost: go back to stop 6 now",
         ),
         (
             {**RUNNING, "counts_to": 29, "beam_lost": True, "driven_out": True},
             "drive",
             False,
-            "To stop 6 of 30",
+            "To stop 7 of 31, out",
         ),
         ({**RUNNING, "recording": False}, "trouble", True, "Nothing is being recorded!"),
         ({**RUNNING, "alarm": True}, "trouble", True, "Machine alarm"),
@@ -103,7 +106,8 @@ def test_what_blocks_the_survey_comes_first(
 
 
 @pytest.mark.parametrize(
-    ("again_from", "lead"), [(4, "Repeat npp, pass 1, from stop 4"), (0, "Repeat npp, pass 1")]
+    ("again_from", "lead"),
+    [(4, "Repeat npp, pass 1 out, from stop 5"), (0, "Repeat npp, pass 1 out")],
 )
 def test_a_broken_pass_says_from_where_to_repeat(
     tmp_path: Path, again_from: int, lead: str
@@ -126,10 +130,15 @@ def test_what_a_pass_lost_stays_on_the_card_while_the_next_one_runs(tmp_path: Pa
         DriveStatus(setup="pnp", pass_number=1, stops=31),
     )
     found = headline(snapshot(tmp_path, **RUNNING, expects_pass=2, to_drive=drives))
-    assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, "To stop 6 of 30")
+    assert (found.stage, found.alarm, words(found.lead)) == (
+        "trouble",
+        False,
+        "To stop 7 of 31, back",
+    )
     assert (
         words(found.advice)
-        == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1, from stop 26."
+        == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1 out, from "
+        "stop 27."
     )
     assert headline(snapshot(tmp_path, **RUNNING, to_drive=drives[1:])).stage == "drive"
 
@@ -142,6 +151,22 @@ def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(
     view = now_view(snapshot(tmp_path, **fields))
     assert any(order in words(view["advice"]) for order in ("Press start", "choose a setup"))
     assert not any(order in words(view["watching"]) for order in ("Press", "choose"))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_alarm_names_no_register(language: Language) -> None:
+    """Whoever stands at the machine has no list of registers."""
+    page = catalogue("page", language)
+    shown = [words for key, words in page.items() if key.startswith(("alarm_", "do_", "phase_"))]
+    shown += [
+        "".join(literal for literal, _ in pattern[language])
+        for key, pattern in sentences().items()
+        if key.startswith("handshake-waits") or key == "heartbeat-still"
+    ]
+    assert len(shown) > 40
+    assert [
+        words for words in shown if re.search("(?i)regist|stop_count|holding|coil", words)
+    ] == []
 
 
 def test_errors_stand_above_warnings_whatever_came_last() -> None:
@@ -182,19 +207,12 @@ def test_errors_stand_above_warnings_whatever_came_last() -> None:
         (
             "ppp+1",
             "O8002",
-            (
-                "Turn the laser to diagonal ppp (from X low, Y low, Z low), align the mirror, then "
-                "start program O8002."
-            ),
+            ("Point the laser along ppp+1, align the mirror, then start program O8002."),
         ),
         (
             "npp",
             "O8002",
-            (
-                "Turn the laser to diagonal npp (from X high, Y low, Z low), align the mirror, "
-                "then "
-                "start program O8002."
-            ),
+            ("Point the laser along npp, align the mirror, then start program O8002."),
         ),
     ],
 )
@@ -241,7 +259,7 @@ def test_the_page_knows_no_mathematics() -> None:
 def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None:
     """Reasons, link details and messages: no English inside a German page."""
     again = say("again-from-or-whole", stop=4)
-    reason = say("pass-why", number=1, why=say("stops-missing", stops="5, 6", again=again))
+    reason = say("pass-why", number=1, why=say("stops-missing", stops=[5, 6], again=again))
     setups = (
         SetupStatus(
             name="npp",
@@ -272,7 +290,7 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
     view = {**survey_view(now), **now_view(now)}
     assert view["setups"][0]["reason"] == {
         "en": str(reason),
-        "de": "Durchgang 1: Messpunkte 5, 6 fehlen: ab Messpunkt 4 wiederholen oder den ganzen "
+        "de": "Durchgang 1: Messpunkte 6–7 fehlen: ab Messpunkt 5 wiederholen oder den ganzen "
         "Durchgang",
     }
     assert view["message"] == {
@@ -283,7 +301,8 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
     }
     assert (
         view["findings"][0]["sentence"]["de"]
-        == "npp hin, Messpunkt 5: Strahl verloren auf dem Weg zu diesem Messpunkt: "
+        == "Diagonale X+Y-Z- nach X-Y+Z+ (npp) hin, Messpunkt 6: Strahl verloren auf dem Weg zu "
+        "diesem Messpunkt: "
         "die Zählung des Lasers verbindet ihn nicht mit den Messpunkten davor"
     )
     assert json.dumps(msgspec.to_builtins(view))
@@ -377,9 +396,7 @@ def test_an_alarm_takes_the_whole_page(page: Page, daemon: Served) -> None:
     trouble(daemon)
     expect(page.locator("body.alarm")).to_be_attached()
     expect(page.locator("#lead")).to_be_in_viewport(ratio=0.99)
-    expect(page.locator("#lead")).to_have_text(
-        "Beam lost: this pass counts to stop 5. Go back to stop 5 now"
-    )
+    expect(page.locator("#lead")).to_have_text("Beam lost: go back to stop 6 now")
     assert page.title().startswith("⚠ ALARM: Beam lost")
     page.locator("#sound").click()
     expect(page.locator("#sound")).to_have_text("Sound off")
@@ -402,5 +419,5 @@ def test_a_tilt_of_the_setup_before_is_past(page: Page, daemon: Served) -> None:
     daemon.do(
         lambda: daemon.survey.publish(tilt_mrad=(2.0, 2.0), tilt_setup="ppp", tilt_live=False)
     )
-    expect(page.locator("#tilt.past")).to_contain_text("diagonal ppp")
+    expect(page.locator("#tilt.past")).to_contain_text("X+Y+Z+ (ppp)")
     expect(page.locator("#tilt-advice")).to_have_class("note none")

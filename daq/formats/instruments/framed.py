@@ -2,6 +2,7 @@
 configuration; the sibling of `line`.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -154,7 +155,9 @@ class FramesDecoder:
             * settings.scale
             * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
         )
-        self._track = CounterTrack(_wraps(self._places.get("counter")))
+        counter = self._places.get("counter")
+        self._track = CounterTrack(_wraps(counter))
+        self.repeats_after = 2.0 ** (8 * counter.size) if counter is not None else math.inf
         self._number = 0
         self.nominal_rate_hz = settings.rate_hz
         self.gaps_visible = "counter" in self._places

@@ -6,6 +6,7 @@ time linear in the line (RE2), so a line that lost a comma cannot hold up the re
 features that RE2 lacks (looking ahead or behind, references to groups) are refused.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -148,6 +149,7 @@ class LineDecoder:
         self._track = CounterTrack(
             [Wrap(0, modulus - 1, min(modulus // 2, LONGEST_WRAP_GAP))] if modulus else []
         )
+        self.repeats_after = float(modulus or math.inf)
         self._parsed = lru_cache(SAME_LINES)(self._read)
         self._first_line = True
         self._number = -1

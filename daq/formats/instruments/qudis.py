@@ -95,6 +95,7 @@ class QudisDecoder:
         self._settings = settings
         self._telegrams = _TelegramBuffer()
         self._track = CounterTrack([Wrap(0, 2**32 - 1, 1_000_000), Wrap(0, 2**31 - 1, 1_000_000)])
+        self.repeats_after = 2.0**31
         self._state: int | None = None
         self._source = source = 2 * settings.axis - 1 + settings.absolute
         self._other_source = False

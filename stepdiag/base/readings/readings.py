@@ -280,6 +280,12 @@ def _yes_or_no(fields: dict[str, str], name: str, where: str) -> bool:
     return text == "1"
 
 
+def pass_words(place: str) -> Message:
+    """Return the pass of a place ``ppp/1`` in words."""
+    setup, _, number = place.partition("/")
+    return PassKey(setup, int(number)).words
+
+
 def _setup_name(name: str, where: str) -> str:
     try:
         return setup_of(name, names=SETUP_NAMES).name
@@ -335,7 +341,8 @@ def _refuse_half_zeros(
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO
         if without.any() and not without.all():
-            where = f"{source}: {key}, stop {int(readings.stop[rows[int(np.argmax(without))]])}"
+            stop = readings.stop[rows[int(np.argmax(without))]]
+            where = message("place-stop", run=f"{source}: {key}", stop=stop)
             remedy = message("number-stretches")
             expected = message("in-column", name=ZERO)
             raise DataError(where, expected=expected, found=message("none"), remedy=remedy)

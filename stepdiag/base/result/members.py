@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Annotated, Literal, Self
 
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Place, Words, where
 from stepdiag.base.result.typed import BESIDE, OPTIONAL, Maybe, Named
 from stepdiag.base.setups import Kind
 from stepdiag.base.volume import Vector
@@ -234,10 +234,9 @@ class UnseenSlip:
     passes: tuple[str, ...] = ()
 
     @property
-    def place(self) -> str:
-        """Return where, as a person writes it: ``ppp/1/5`` is the way to stop 5 of pass 1 of
-        ppp."""
-        return f"{self.setup}/{self.pass_number}/{self.stop}"
+    def where(self) -> Words:
+        """Return the place of the slip in words: the way to a stop of a pass."""
+        return where(Place(setup=self.setup, pass_number=self.pass_number, stop=self.stop))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -47,7 +47,8 @@ export class Curves {
 
   #table() {
     const data = [this.#series[0].x, ...this.#series.flatMap(({ y, u }) => (u ? [y, u] : [y]))];
-    return [this.options.columns, data[0].map((_, row) => data.map((column) => column[row]))];
+    const { columns, firstX = 0 } = this.options; // programs count from 0 what a person counts from 1
+    return [columns, data[0].map((x, row) => [x - firstX, ...data.slice(1).map((column) => column[row])])];
   }
 
   #zoomed() {
@@ -66,7 +67,7 @@ export class Curves {
   };
 
   #build(series, label) {
-    const { xLabel, yLabel, decimals, yRange, counts } = this.options;
+    const { xLabel, yLabel, decimals, yRange, counts, ySpace } = this.options;
     const value = (_plot, given) => shown(given, decimals);
     const axis = { stroke: colour("--quiet"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { stroke: colour("--grid") }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 20 };
     const lines = [{ label: xLabel, value: (_plot, given) => shown(given, Number.isInteger(given) ? 0 : 2) }];
@@ -90,7 +91,7 @@ export class Curves {
       scales: { x: { time: false, range: this.#range }, y: { range: yRange ?? around } },
       axes: [
         { ...axis, label: xLabel, size: 34, incrs: counts ? COUNTS : undefined, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
-        { ...axis, label: yLabel, size: 54, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
+        { ...axis, label: yLabel, size: 54, ...(ySpace && { space: ySpace }), values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
       ],
       hooks: { draw: [(plot) => this.#marks(plot, series)], setScale: [(plot, key) => key === "x" && this.#show(plot.scales.x)] },
       focus: { alpha: 1 },

@@ -2,7 +2,7 @@
 
 import { Curves } from "./curves.js";
 import { put } from "./draw.js";
-import { say, setupName, shown, wordsOf } from "./words.js";
+import { say, setupName, shown, wayOf, wordsOf } from "./words.js";
 
 let drawn = "";
 let curves = null;
@@ -21,8 +21,8 @@ export function update({ stops, stops_in_pass: count, setups, stage }) {
   const key = `${places}|${of.map((one) => `${one.setup}${one.pass_number}.${one.place}:${one.deviation_um}${wordsOf(one.doubtful)}`).join()}`;
   if (key === drawn) return;
   drawn = key;
-  curves ??= new Curves("deviations", { height: 230, counts: true });
-  const labels = { columns: ["stop", ...columns(of)], xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [0, Math.max(1, places - 1)] };
+  curves ??= new Curves("deviations", { height: 230, counts: true, firstX: 1 });
+  const labels = { columns: ["stop", ...columns(of)], xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [1, Math.max(2, places)] };
   curves.draw(passes(of, places), `${say("deviations")}: ${setupName(last.setup)}`, labels);
 }
 
@@ -33,9 +33,9 @@ function frame(count, stops, setups) {
   return Math.max(own, ...stops.map(({ place }) => place + 1));
 }
 
-// Return the words of a stop: its setup, number and deviation, and the reason of a doubt.
-export function words({ setup, place, deviation_um: deviation, doubtful }) {
-  const sentence = `${setupName(setup)}. ${say("last_stop", { stop: place, deviation: shown(deviation, 2) })}`;
+// Return the words of a stop: its setup, direction, number in its pass and deviation, and the reason of a doubt.
+export function words({ setup, pass_number: pass, stop, deviation_um: deviation, doubtful }) {
+  const sentence = say("last_stop", { setup: setupName(setup), way: wayOf(pass), stop: stop + 1, deviation: shown(deviation, 2) });
   return wordsOf(doubtful) ? `${sentence} (${say("doubtful", { reason: wordsOf(doubtful) })})` : sentence;
 }
 
@@ -44,7 +44,7 @@ const columns = (stops) => passNumbers(stops).flatMap((number) => [`pass_${numbe
 
 function passes(stops, count) {
   const numbers = passNumbers(stops);
-  const x = Array.from({ length: count }, (_, index) => index);
+  const x = Array.from({ length: count }, (_, index) => index + 1);
   return numbers.map((number) => {
     const y = Array(count).fill(null);
     const u = Array(count).fill(null);
@@ -54,6 +54,6 @@ function passes(stops, count) {
       u[one.place] = Number.isFinite(one.u_um) ? one.u_um : 0;
       odd[one.place] = Boolean(wordsOf(one.doubtful));
     }
-    return { label: say("pass_label", { number, way: say(number % 2 === 1 ? "outward" : "return") }), x, y, u, odd };
+    return { label: say("pass_label", { number, way: wayOf(number) }), x, y, u, odd };
   });
 }

@@ -16,15 +16,16 @@ export function open() {
   document.getElementById("all-findings").addEventListener("click", () => document.getElementById("all").showModal());
   document.getElementById("accept").addEventListener("submit", (event) => {
     event.preventDefault();
-    const given = Object.fromEntries(["place", "name", "reason"].map((field) => [field, document.getElementById(`accept-${field}`).value]));
+    const given = Object.fromEntries(["name", "reason"].map((field) => [field, document.getElementById(`accept-${field}`).value]));
     document.getElementById("accept").hidden = true;
-    order("accept", given);
+    order("accept", { place: document.getElementById("accept-place").dataset.place, ...given });
   });
 }
 
-function ask(place) {
+function ask(place, words) {
   document.getElementById("accept").hidden = false;
-  document.getElementById("accept-place").value = place;
+  document.getElementById("accept-place").value = words;
+  document.getElementById("accept-place").dataset.place = place;
   document.getElementById("accept-reason").focus();
 }
 
@@ -42,8 +43,9 @@ export function update({ findings }) {
 
 // A doubt that keeps its pass open can be accepted by a person with the token, who gives the reason: at a place, or by its code at all.
 function item({ code, severity, sentence, advice, times, state, places, word }, whole = false) {
-  const taken = places.length > 1 ? [code, ...places] : places;
-  const accept = whole && mayOrder() && state === "open" ? taken.map((place) => button(place)) : [];
+  const named = Object.entries(places).map(([place, words]) => [place, words[language] || place]);
+  const taken = named.length > 1 ? [[code, code], ...named] : named;
+  const accept = whole && mayOrder() && state === "open" ? taken.map(([place, words]) => button(place, words)) : [];
   return node(
     "li",
     { class: `finding ${severity} state-${state}` },
@@ -58,8 +60,8 @@ function item({ code, severity, sentence, advice, times, state, places, word }, 
   );
 }
 
-function button(place) {
-  const one = node("button", { type: "button", class: "accept" }, say("accept_place", { place }));
-  one.addEventListener("click", () => ask(place));
+function button(place, words) {
+  const one = node("button", { type: "button", class: "accept" }, say("accept_place", { place: words }));
+  one.addEventListener("click", () => ask(place, words));
   return one;
 }

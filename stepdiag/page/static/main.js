@@ -13,7 +13,7 @@ import * as strip from "./strip.js";
 import * as survey from "./survey.js";
 import { put } from "./draw.js";
 import { Stream } from "./stream.js";
-import { language, loadTexts, say } from "./words.js";
+import { language, loadTexts, nameSetups, say } from "./words.js";
 
 const PANELS = [lead, reading, strip, aid, deviations, survey, findings, done, files, commands];
 const LOOK_MS = 100;
@@ -32,6 +32,7 @@ function whole() {
 
 function update(kind) {
   if (!whole()) return;
+  nameSetups(snapshot.setups);
   head();
   for (const panel of PANELS) panel.update(snapshot, kind);
 }

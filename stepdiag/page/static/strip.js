@@ -39,26 +39,25 @@ function draw(oldest, newest, width) {
     high.push(pair?.[1] ?? null);
     if (pair && pair[0] !== null) middle.push((pair[0] + pair[1]) / 2);
   }
-  const zero = middle.at(-1) ?? 0;
-  const spread = scatter(newest, width);
-  const moving = spread === null && Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
-  reach = moving || spread === null ? null : Math.max(0.5, 2 * spread);
+  const { zero = middle.at(-1) ?? 0, spread } = plateau(newest, width) ?? {};
+  const moving = spread === undefined && Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
+  reach = moving || spread === undefined ? null : Math.max(0.5, 2 * spread);
   const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * (moving ? 1 : 1e3)));
-  curves ??= new Curves("strip", { height: 110, xRange: [-KEEP_S, 0], yRange: narrow });
+  curves ??= new Curves("strip", { height: 120, ySpace: 16, xRange: [-KEEP_S, 0], yRange: narrow });
   const unit = moving ? "mm" : "um";
   const labels = { columns: ["time_s", `high_${unit}`, `low_${unit}`], xLabel: say("seconds"), yLabel: moving ? "mm" : "µm" };
   curves.draw([{ label: say("strip_high"), x, y: shift(high), dots: false }, { label: say("strip_low"), x, y: shift(low), dots: false }], say("strip"), labels);
-  put("scatter", say("scatter", { um: shown(spread, 2) }));
+  put("scatter", spread === undefined ? "" : say("scatter", { um: shown(spread, 2), mm: shown(zero, 4) }));
 }
 
 const MOST_UM = 100; // a machine that moves has no scatter
 
-// Return the range of the samples within the last half second, in um: what the aid shows where no beam strength is reported.
-function scatter(newest, width) {
+// Return the middle (mm) and the range (µm) of the samples within the last half second; null while the machine moves.
+function plateau(newest, width) {
   const last = [...bins].filter(([index, pair]) => index > newest - 0.5 / width && pair[0] !== null).map(([, pair]) => pair);
   if (!last.length) return null;
-  const um = (Math.max(...last.map(([, high]) => high)) - Math.min(...last.map(([low]) => low))) * 1e3;
-  return um <= MOST_UM ? um : null;
+  const [low, high] = [Math.min(...last.map(([one]) => one)), Math.max(...last.map(([, one]) => one))];
+  return (high - low) * 1e3 <= MOST_UM ? { zero: (low + high) / 2, spread: (high - low) * 1e3 } : null;
 }
 
 // A standing machine is looked at through a microscope, a moving one is not.

@@ -41,9 +41,15 @@ export function shown(value, decimals, unit = "") {
   return unit ? `${text} ${unit}` : text;
 }
 
-export function setupName(setup) {
-  const [base, offset] = setup.split("+");
-  const [kind, axis] = base.split("-");
-  const name = axis ? say(`setup_${kind}`, { axis: axis.toUpperCase() }) : say(`setup_${base}`);
-  return offset ? `${name} +${offset}` : name;
+let names = {};
+
+// Take the words of the setups from the daemon: a diagonal by its corners, the short name beside them.
+export function nameSetups(setups) {
+  names = Object.fromEntries(setups.map(({ name, words }) => [name, words]));
 }
+
+// A true minus sign behind an axis: no line ends there.
+export const setupName = (setup) => wordsOf(names[setup]).replace(/([XYZ])-/g, "$1−") || setup;
+
+// Return the direction of a pass: odd passes lead outward.
+export const wayOf = (pass) => say(pass % 2 === 1 ? "outward" : "return");

@@ -355,7 +355,7 @@ def test_beam_lost_too_early_in_a_dwell_breaks_the_count_there():
     assert "beam-lost" in codes
     assert [stop.stop for stop in stops if stop.broken] == [4]
     assert stops[4].window_from_ns * 1e-9 > begin + 0.3
-    assert "from stop 3 on" in str(whole_of(stops).why_incomplete())
+    assert "from stop 4 on" in str(whole_of(stops).why_incomplete())
 
 
 def unseen(timeline, begin, end):
@@ -381,8 +381,8 @@ def test_a_beam_lost_while_nobody_looked_is_doubted_from_there_on():
     assert [stop.stop for stop in stops if stop.unwatched] == [4]
     assert only.whole
     assert [k for k in range(10) if only.doubt(k)] == [4, 5, 6, 7, 8, 9]
-    assert "no sample was seen for 1.5 s before stop 4" in str(only.why_doubtful())
-    assert "drive again from stop 3 on" in str(only.why_doubtful())
+    assert "no sample was seen for 1.5 s before stop 5" in str(only.why_doubtful())
+    assert "drive again from stop 4 on" in str(only.why_doubtful())
 
 
 def test_a_beam_lost_while_nobody_looked_in_a_dwell_costs_nothing():
@@ -442,7 +442,7 @@ def test_a_program_left_in_the_middle_ends_the_pass():
     stops, _, ends = run(Timeline(diagonal("ppp")[:6]).events())
     assert len(stops) == 6
     assert ends[0].kind == "aborted"
-    assert "stop 5 of 9" in str(ends[0].reason)
+    assert "stop 6 of 10" in str(ends[0].reason)
 
 
 def test_an_unplanned_setup_is_refused_by_name_once():

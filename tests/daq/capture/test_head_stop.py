@@ -146,7 +146,7 @@ def test_light_blocked_all_through_a_dwell_costs_the_stop_and_is_named():
         "fourdof-beam-blocked",
         "stop-without-reading",
     ]
-    assert "fourdof-z out, stop 2 of 3" in findings[0].text
+    assert "(fourdof-z) out, stop 3 of 4" in findings[0].text
 
 
 def test_light_blocked_between_the_stops_costs_nothing():

@@ -1,10 +1,11 @@
 """Signals made of others: the language, its refusals, and its way from registers to a
 standstill."""
 
+import keyword
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
@@ -89,6 +90,8 @@ def test_a_latch_keeps_the_last_number_that_was_not_zero():
         ("__import__('os')", "'__import__' at character 1"),
         ("", "the end of ''"),
         ("(" * (DEEPEST + 1) + "a" + ")" * (DEEPEST + 1), "levels of brackets"),
+        ("not " * (DEEPEST + 1) + "a", "levels of brackets"),
+        ("not (" * (DEEPEST // 2) + "not a" + ")" * (DEEPEST // 2), "levels of brackets"),
         ("a or " * MOST_CHARACTERS + "a", f"at most {MOST_CHARACTERS} characters"),
     ],
 )
@@ -97,10 +100,62 @@ def test_a_refusal_points_at_the_character(text, said):
         parse_expression(text, KINDS, "plc.expressions.stopped")
 
 
-@given(st.text(alphabet="abnm andornt()<>=!-0.5latch\"'\\", max_size=60))
-def test_whatever_is_written_is_an_expression_or_a_refusal(text):
+class Read(dict):
+    """Inputs that keep which of them were asked for."""
+
+    def __init__(self, **values):
+        super().__init__(values)
+        self.asked = set()
+
+    def __getitem__(self, name):
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+PIECES = (
+    *("a", "b", "n", "m", "x", "in", "None", "latch", "latch(n)", "and", "or", "not", "(", ")"),
+    *("==", "!=", "<", "<=", ">=", "-", "0", "07", "2.5", "1e5", "1j", "(n)", "=", ":=", "é", "\n"),
+    *("__import__", "eval", "lambda", "if", "else", "for", "await", "is", ".", "[0]", ",", "'a'"),
+    *("n.real", "a()", "{n}", "*", "**", "%", "@", "f'{n}'", "#", "\\", "yield", ";", "print"),
+)
+written = st.text(alphabet="abnm andornt()<>=!-0.5latch\"'\\", max_size=60) | st.lists(
+    st.sampled_from(PIECES), max_size=9
+).map(" ".join)
+
+
+@given(written)
+@settings(max_examples=400)
+def test_whatever_is_written_reads_the_inputs_or_is_refused(text):
+    """No expression reaches anything but the names that it may read, and Python evaluates none."""
     with suppress(UsageError):
-        parse_expression(text, KINDS, "x")
+        found = parse_expression(text, KINDS, "x")
+        inputs = Read(a=1, b=0, n=2.0, m=None)
+        assert isinstance(found.value(inputs, Memory()), bool | float | None)
+        assert inputs.asked <= found.names <= KINDS.keys()
+
+
+@given(st.text(max_size=30), st.sampled_from(["n", "latch(n)"]))
+def test_a_name_that_is_no_input_is_refused_before_python_reads_it(name, good):
+    """Whatever Python would take as a name, a call or a statement."""
+    if name.strip() in {"", *KINDS, "latch"} or not name.isidentifier():
+        name = f"os.{name}"
+    with pytest.raises(UsageError, match=r"plc\.expressions\.stopped"):
+        parse_expression(f"{good} > 1 and {name}", KINDS, "plc.expressions.stopped")
+    with pytest.raises(UsageError, match=r"plc\.expressions\.stopped"):
+        parse_expression(f"{name} > {good}", KINDS, "plc.expressions.stopped")
+
+
+@pytest.mark.parametrize("name", [*keyword.kwlist, *keyword.softkwlist])
+def test_an_input_may_have_the_name_of_a_keyword_of_python(name):
+    """The words of the language itself are no names."""
+    read = {name: "word"}
+    if name in ("and", "or", "not"):
+        with pytest.raises(UsageError):
+            parse_expression(f"{name} > 1", read, "x")
+        return
+    found = parse_expression(f" {name} >= 007 and latch({name}) == 7.0", read, "x")
+    assert found.names == {name}
+    assert [found.value({name: one}, Memory()) for one in (7, 6, None)] == [True, False, None]
 
 
 SIGNALS = """

@@ -68,7 +68,7 @@ def test_what_the_words_say_is_the_end_of_it(tmp_path, kind, value, signals):
     assert off_um(whole, truth) < 0.5
     named = re.search(r"drive again from stop (\d)", words)
     if named:
-        back = Fault("abort", "ppp", 1, LAST, LAST - int(named[1]))
+        back = Fault("abort", "ppp", 1, LAST, LAST - int(named[1]) + 1)
         partly, truth = driven(tmp_path / "partly", signals, (fault, back), again=False)
         assert partly.complete, partly.why_incomplete()
         assert off_um(partly, truth) < 0.5

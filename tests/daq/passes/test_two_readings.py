@@ -47,7 +47,7 @@ def test_one_common_stop_alone_is_doubted_until_a_person_accepts_it():
     (only,) = passes.passes
     (doubt,) = passes.doubts()
     assert (doubt.stop, doubt.code) == (5, "reading-differs")
-    assert "drive again from stop 3 on" in str(only.why_incomplete())
+    assert "drive again from stop 4 on" in str(only.why_incomplete())
     passes.accept(acceptance_of(doubt, reason="mirror not touched", name="me", time_s=0.0))
     assert only.complete
     assert passes.accepted()[0][0] == doubt
@@ -195,7 +195,7 @@ def test_a_slip_of_a_pass_with_two_steps_an_axis_is_named_with_both_places(outwa
     (doubt,) = [each for each in only.doubts() if each.code == "count-slip"]
     both = {at, at - 3 if at > 3 else at + 3}
     assert doubt.stop in both
-    assert {str(stop) for stop in both} <= set(
+    assert {str(stop + 1) for stop in both} <= set(
         str(doubt.words).replace(":", " ").replace(",", " ").split()
     )
     assert "there are only these two" in str(doubt.words)

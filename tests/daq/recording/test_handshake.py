@@ -41,7 +41,7 @@ def test_a_stop_that_is_not_taken_is_named_after_a_dwell_and_no_longer_than_it_l
     machine.stands(at(7), 0.0, 1.9, 2.1, 9.0)
     (said,) = machine.said
     assert said.code == "handshake-waits"
-    assert "stop_count 7, but nothing is written as captured" in said.text
+    assert "the control counts 7, the answer is nothing" in said.text
     assert "ppp 3/9, taking the stop" in said.text
     assert machine.handshake.alarm == said.message
     machine.stands(at(8), 9.1)
@@ -65,7 +65,7 @@ def test_one_that_never_hears_is_named():
     machine.handshake.captured(stops_of()[0])
     machine.stands(at(0), *range(1, 20))
     (said,) = machine.said
-    assert "waits for another register" in said.text
+    assert "the NC program does not read the answer" in said.text
 
 
 def test_what_is_owed_since_the_last_daemon_is_told_at_once():

@@ -29,7 +29,9 @@ def noted(found):
 def test_a_finding_is_read_from_its_log_with_its_message_and_its_place(said):
     found = finding("warning", said, PLACE)
     assert noted(found) == found
-    assert in_words(noted(found), "de").startswith("ppp zurück, Messpunkt 5: ")
+    assert in_words(noted(found), "de").startswith(
+        "Diagonale X-Y-Z- nach X+Y+Z+ (ppp) zurück, Messpunkt 6: "
+    )
 
 
 def test_of_a_log_of_before_the_text_stands():

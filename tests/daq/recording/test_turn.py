@@ -125,7 +125,7 @@ def test_the_first_stop_of_the_way_back_is_not_the_last_one_of_the_way_out(
     assert out.complete
     assert not back.complete
     assert code in codes
-    assert "stops 0" in str(back.why_incomplete())
+    assert "stops 1" in str(back.why_incomplete())
     assert text in str(back.why_incomplete())
 
 

@@ -189,5 +189,7 @@ def test_progress_and_time_end_with_the_survey_and_not_before(faults, passes) ->
         assert all(f"pass {each.pass_number}: " in str(one.reason) for each in again)
         assert bool(again) == bool(one.reason)
         assert all(
-            f"from stop {each.from_stop} on" in str(one.reason) for each in again if each.from_stop
+            f"from stop {each.from_stop + 1} on" in str(one.reason)
+            for each in again
+            if each.from_stop
         )

@@ -28,7 +28,8 @@ def test_a_stop_that_is_doubted_for_two_reasons_is_one_place(tmp_path):
     assert len(session.book.doubts()) == 2
     assert (
         str(_idle(session, "ppp"))
-        == "doubted: ppp/1/6; waiting for the program of ppp, or for a person to accept"
+        == "doubted: diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out, stop 7; waiting for the program "
+        "of diagonal X-Y-Z- to X+Y+Z+ (ppp), or for a person to accept"
     )
 
 

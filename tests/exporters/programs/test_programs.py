@@ -166,11 +166,11 @@ def test_comments_say_setup_pass_stop_and_axis(control: str) -> None:
     walk = walks(replace(PLAIN, setups=("npp",)), control)["npp"]
     said = [comment.lower().replace(" -", ":") for comment in walk.stand_comments]
     assert said[:3] == [
-        "npp pass 1 stop 0 of 12: first stop",
-        "npp pass 1 stop 1 of 12: x moves",
-        "npp pass 1 stop 2 of 12: y moves",
+        "npp pass 1 stop 1 of 13: first stop",
+        "npp pass 1 stop 2 of 13: x moves",
+        "npp pass 1 stop 3 of 13: y moves",
     ]
-    assert said[14] == "npp pass 2 stop 1 of 12: z moves"
+    assert said[14] == "npp pass 2 stop 2 of 13: z moves"
     assert any("x from -105 to 405" in comment.lower() for comment in walk.comments)
 
 
@@ -211,7 +211,7 @@ def test_a_position_that_the_control_would_round_is_refused() -> None:
     beside the solver's stop."""
     sequence = replace(PLAIN, volume=replace(VOLUME, increments=7))
     with pytest.raises(
-        UsageError, match=r"setup ppp, stop 1, x.*whole input increments of 0\.001 mm"
+        UsageError, match=r"\(ppp\), stop 2, x.*whole input increments of 0\.001 mm"
     ):
         nc_programs(sequence, "fanuc")
     fine = replace(PLAIN, volume=replace(VOLUME, size_mm=(500.0, 400.0, 300.0004)))

@@ -174,6 +174,19 @@ def test_what_stays_open_names_the_setup_that_decides_it():
     assert "EZZ" not in [each.function for each in more.tables if each.state != "right"]
 
 
+def test_a_run_that_sees_nothing_of_a_table_does_not_keep_it():
+    """A line alone, whoever takes the diagonal out of the run: all along and across other axes is
+    open, and its setups are named."""
+    rig = Rig(8)
+    before = rig.readings({}, repeats=1, setups=(*SETUPS, "npp"))
+    found = prove(RESULT, before, rig.readings(ALL, setups=("linear-x",)), rig.tables())
+    states = {each.function: each.state for each in found.tables}
+    assert states == {name: "right" if name == "EXX" else "undecided" for name in NAMES}
+    assert found.action == "undecided"
+    assert set(found.further) <= {"ppp", "npp"}
+    assert found.further
+
+
 def test_tables_that_acted_in_the_survey_count_as_replaced():
     """Old tables of 0.8 of the right size: the change is that from them to the new ones, and old
     ones left alone are no new ones."""

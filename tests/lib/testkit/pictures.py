@@ -12,6 +12,7 @@ from threading import Event
 
 from playwright.sync_api import Page, expect, sync_playwright
 
+from stepdiag.base.messages import Words
 from stepdiag.demo.files import FAST, WATCHED, Pace
 from stepdiag.demo.live import END, GO, live
 from stepdiag.demo.operator import READY_S
@@ -68,9 +69,9 @@ class Hand:
         """Take the address of the page and its token."""
         self.page.put((address, token))
 
-    def show(self, line: str) -> None:
+    def show(self, line: Words) -> None:
         """Take note of the end of the survey."""
-        if line.startswith("complete: "):
+        if str(line).startswith("complete: "):
             self._complete.set()
 
     def pressed(self) -> str:

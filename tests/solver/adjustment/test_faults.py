@@ -133,7 +133,7 @@ def test_a_wrong_first_stop_is_named_although_all_others_are_relative_to_it():
     reading[name_index(readings, "pnp", 0)] = 0.0
     after = solve(replace(readings, reading_mm=reading))
     assert any(
-        "setup pnp, pass 1, stop 0 " in finding.text
+        "(pnp), pass 1 out, stop 1 " in finding.text
         for finding in after.findings
         if finding.key == "stop-outlier"
     )

@@ -128,7 +128,7 @@ def test_a_pass_of_one_stop_is_refused():
         if SURVEY.setup[row] != "linear-x" or SURVEY.stop[row] == 0
     ]
     with pytest.raises(
-        DataError, match="setup linear-x, pass 1: expected at least 2 stops, found 1"
+        DataError, match=r"\(linear-x\), pass 1 out: expected at least 2 stops, found 1"
     ):
         solve(SURVEY.select(rows))
 

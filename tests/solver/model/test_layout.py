@@ -61,8 +61,8 @@ def test_the_spot_stays_on_the_beam_and_under_the_mirror():
 def test_a_stop_left_out_in_the_middle_is_named(stop):
     with pytest.raises(
         DataError,
-        match=rf"morning: setup pnp, pass 1, stop {stop}: expected a move of one axis|expected 3 "
-        r"moves in each step",
+        match=rf"morning: .*\(pnp\), pass 1 out, row with `stop = {stop}`: expected a move of one "
+        r"axis|expected 3 moves in each step",
     ):
         lay_out(without(SURVEY, "pnp", stop, renumber=True), "morning")
 
@@ -72,11 +72,11 @@ def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_befo
     whole, layout = lay_out(SURVEY), lay_out(without(SURVEY, setup, stop, renumber=False))
     (finding,) = layout.findings
     assert finding.code == "stop-missing"
-    assert f"setup {setup}, pass 1, stop {stop};" in finding.text
+    assert f"({setup}), pass 1 out, stop {stop + 1};" in finding.text
     left = [
         row
         for row in range(len(whole))
-        if str(whole.place(row)) != f"setup {setup}, pass 1, stop {stop}"
+        if not str(whole.place(row)).endswith(f"({setup}), pass 1 out, stop {stop + 1}")
     ]
     assert layout.deviation_um == pytest.approx(whole.deviation_um[left])
     assert layout.volume == whole.volume
@@ -91,7 +91,7 @@ def test_a_gap_does_not_excuse_a_pass_that_drives_elsewhere():
     }
     position = wrong.position_mm.copy()
     position[at[8]] = position[at[9]]
-    with pytest.raises(DataError, match="setup pnp, pass 1, stop 8"):
+    with pytest.raises(DataError, match=r"\(pnp\), pass 1 out, row with `stop = 8`"):
         lay_out(replace(wrong, position_mm=position))
 
 
@@ -129,8 +129,9 @@ def test_a_setup_that_drives_another_diagonal_is_refused():
     )
     with pytest.raises(
         DataError,
-        match=r"setup ppp, pass 1, stop 1: expected a move of one axis, X\+ or Y\+ or Z\+, from "
-        r"stop 0, found X by -100 mm",
+        match=r"\(ppp\), pass 1 out, row with `stop = 1`: expected a move of one axis, "
+        r"X\+ or Y\+ or Z\+, from "
+        r"the row with `stop = 0`, found X by -100 mm",
     ):
         lay_out(swapped)
 
@@ -138,13 +139,13 @@ def test_a_setup_that_drives_another_diagonal_is_refused():
 def test_a_wrong_sign_and_a_wrong_unit_of_the_laser_are_told_apart():
     with pytest.raises(
         DataError,
-        match=r"setup ppn, pass 1: expected readings that grow .* the opposite sign; set the "
+        match=r"\(ppn\), pass 1 out: expected readings that grow .* the opposite sign; set the "
         r"sign of the laser",
     ):
         lay_out(with_values(SURVEY, "ppn", np.negative))
     with pytest.raises(
         DataError,
-        match=r"setup ppn, pass 1: expected steps of the laser that agree .* found 1e\+03 of "
+        match=r"\(ppn\), pass 1 out: expected steps of the laser that agree .* found 1e\+03 of "
         r"them|found 1000 of them",
     ):
         lay_out(with_values(SURVEY, "ppn", lambda reading: 1000 * reading))
@@ -181,7 +182,7 @@ def test_stops_beyond_the_diagonals_are_left_out_and_said():
     layout = lay_out(make_readings(setup=[*longer.setup, *run.setup], **joined))
     assert len(layout) == len(longer) + 6
     assert [finding.code for finding in layout.findings] == ["outside-volume"]
-    assert "setup linear-x, pass 1, stop 6" in layout.findings[0].text
+    assert "linear run X (linear-x), pass 1 out, stop 7" in layout.findings[0].text
 
 
 def test_an_axis_that_no_setup_travels_has_no_length():

@@ -20,7 +20,7 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.information import information_by_setup
 from stepdiag.solver.planning.planner import MOST_NAMED, WORTH, forecast, plan
-from stepdiag.solver.planning.search import Exchange, every_way
+from stepdiag.solver.planning.search import Exchange, every_way, offered
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
 from testkit.rates import designs
@@ -224,6 +224,38 @@ def test_exchange_finds_the_best_of_all_choices(eleven, limit):
     least = min(square for minutes, square in every if minutes <= limit)
     beside = lines.beside_um2(10)
     assert np.sqrt((lines.square_um2(found) + beside) / (least + beside)) < 1.03
+
+
+@few(10)
+@given(chosen=st.sets(st.integers(0, 60), min_size=2, max_size=12), further=st.integers(0, 60))
+def test_an_exchange_is_weighed_as_the_lines_are_that_it_ends_with(everything, chosen, further):
+    """A line less and a line more, from what is computed once for all lines beside a choice; a run
+    of a head too."""
+    lost, *kept = sorted(chosen)
+    (weighed,) = everything.weighed([lost, *kept], [lost])[[further]]
+    assert weighed == pytest.approx(everything.square_um2([*kept, further]), rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def everything():
+    lines = Exchange(BARE, USUAL, offered(BARE, USUAL), every_way(2.0, USUAL)[0])
+    assert sum(run.is_fourdof for run in lines.lines) == 3
+    return lines
+
+
+def test_where_setting_up_is_dear_lines_are_driven_in_three_orders_out_and_back():
+    """Seven alignments at angles of 20 urad: each order shows other angles, the way back costs
+    minutes."""
+    survey = designs.with_lines(20.0, 7)
+    assert len(survey.runs) == 7
+    assert {(run.repeats, run.return_pass) for run in survey.runs} == {(3, True)}
+    twice = replace(
+        survey,
+        runs=tuple(replace(run, repeats=2, axis_orders=run.axis_orders[:2]) for run in survey.runs),
+    )
+    about = designs.about(20.0)
+    left, before = (forecast(one, about).ahead.full[0] for one in (survey, twice))
+    assert left < 0.95 * before
 
 
 @few(4)

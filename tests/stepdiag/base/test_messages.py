@@ -21,6 +21,7 @@ from stepdiag.base.messages import (
     message_json,
     message_of,
     rendered,
+    where,
 )
 from stepdiag.texts.explained import Action, Severity, explanations, finding_action
 from stepdiag.texts.patterns import findings, sentences, slots
@@ -36,7 +37,11 @@ GIVEN = {
     "each": ["X7"],
     "or": ["X7", "X8"],
     "and": ["X7"],
+    "ranges": [1, 2, 4],
+    "stop": 3,
     "stops": [1, 2, 4],
+    "pass": 2,
+    "setup": "npp",
 }
 WRONG = {
     "whole": 1.5,
@@ -45,7 +50,10 @@ WRONG = {
     "each": 1,
     "or": 1.5,
     "and": "X7",
+    "ranges": "X7",
+    "stop": 1.5,
     "stops": "X7",
+    "pass": "1",
 }
 
 
@@ -126,9 +134,19 @@ def test_a_message_in_a_message() -> None:
     refusal = message("refusal", where="survey.toml: plan", expected=way, found="'ppq'")
     assert rendered(refusal, "de") == "survey.toml: plan: erwartet war zurück, gefunden 'ppq'"
     place = Place(setup="npp+1", way="back", pass_number=2, stop=7, last=30)
-    assert rendered(at(place, way), "en") == "npp+1 back, stop 7 of 30: back"
-    assert rendered(at(place, way, (5, 6, 7, 9)), "de") == "npp+1 zurück, Messpunkte 5–7, 9: zurück"
-    assert rendered(at(Place(setup="ppp", way="out"), way), "de") == "ppp hin: zurück"
+    assert rendered(at(place, way), "en") == (
+        "diagonal X+Y-Z- to X-Y+Z+ (npp+1) back, stop 8 of 31: back"
+    )
+    assert rendered(at(place, way, (5, 6, 7, 9)), "de") == (
+        "Diagonale X+Y-Z- nach X-Y+Z+ (npp+1) zurück, Messpunkte 6–8, 10: zurück"
+    )
+    assert rendered(at(Place(setup="linear-x", way="out"), way), "de") == (
+        "Linearlauf X (linear-x) hin: zurück"
+    )
+    assert rendered(where(place), "en") == (
+        "diagonal X+Y-Z- to X-Y+Z+ (npp+1), pass 2 back, stop 8"
+    )
+    assert where(Place(setup="npp")) == ""
     assert at(Place(), way) is way
 
 
@@ -149,15 +167,17 @@ def test_a_finding_is_made_of_its_message() -> None:
     sentence = "this method uses the four body diagonals only, not body-ppp, ppp+1"
     assert (made.code, made.text, made.stop) == (
         "method-limited",
-        f"ppp out, stop 3 of 30: {sentence}",
+        f"diagonal X-Y-Z- to X+Y+Z+ (ppp) out, stop 4 of 31: {sentence}",
         3,
     )
     assert (
         in_words(made, "de")
-        == "ppp hin, Messpunkt 3: dieses Verfahren nutzt nur die vier Raumdiagonalen, nicht "
-        "body-ppp, ppp+1"
+        == "Diagonale X-Y-Z- nach X+Y+Z+ (ppp) hin, Messpunkt 4: dieses Verfahren nutzt nur die "
+        "vier Raumdiagonalen, nicht body-ppp, ppp+1"
     )
-    assert in_words(made, "en", (3, 4)) == f"ppp out, stops 3–4: {sentence}"
+    assert in_words(made, "en", (3, 4)) == (
+        f"diagonal X-Y-Z- to X+Y+Z+ (ppp) out, stops 4–5: {sentence}"
+    )
     old = Finding(
         code="count-slip", severity="warning", text="ppp out, stop 5 of 30: the count was lost"
     )

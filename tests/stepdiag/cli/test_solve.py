@@ -119,7 +119,7 @@ class TestSolve:
         )
         told = stepdiag("solve", tmp_path / "r.csv")
         assert told.code == 3
-        assert "setup ppp, pass 1, stop 2: expected a move of one axis" in told.refusal
+        assert "(ppp), pass 1 out, row with `stop = 2`: expected a move of one axis" in told.refusal
 
     def test_a_laser_of_the_wrong_sign_is_named_with_the_file(self, tmp_path):
         """The reading is the column before the last one of the golden survey."""
@@ -133,7 +133,7 @@ class TestSolve:
         )
         told = stepdiag("solve", tmp_path / "turned.csv")
         assert told.code == 3
-        assert told.refusal.startswith("turned.csv: setup ppp, pass 1: ")
+        assert told.refusal.startswith("turned.csv: diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out: ")
         assert "sign = -1" in told.refusal
 
     def test_what_is_neither_readings_nor_logs_is_refused_by_name(self, tmp_path):

@@ -83,9 +83,9 @@ def test_what_is_whole_is_kept(survey):
 def test_a_pass_left_in_the_middle_goes_on_from_its_last_stop(survey):
     record(survey, 1, stops_of("ppp", only=range(4)), finish=False)
     out = stepdiag("status", survey).out
-    assert "ppp: pass 1: stops 4, 5, 6, 7, 8, 9 are missing: drive again from stop 3 on" in out
+    assert "ppp: pass 1: stops 5–10 are missing: drive again from stop 4 on" in out
     assert "0001.mcap.part: not closed: it is being written, or it was cut off" in out
-    assert "next: ppp" in out
+    assert "next: diagonal X-Y-Z- to X+Y+Z+ (ppp)" in out
 
 
 def test_a_beam_that_was_lost_says_so(survey):
@@ -94,8 +94,7 @@ def test_a_beam_that_was_lost_says_so(survey):
     record(survey, 1, stops)
     reason = told(survey)["setups"][0]["reason"]
     assert reason.startswith(
-        "pass 1: stops 5, 6, 7, 8, 9 do not reach back to the start (beam lost): drive again "
-        "from stop 4 on"
+        "pass 1: stops 6–10 do not reach back to the start (beam lost): drive again from stop 5 on"
     )
 
 
@@ -145,7 +144,10 @@ def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_i
     lines = stepdiag("status", survey).out.splitlines()
     for stop, words in doubts.items():
         (command,) = [at for at, line in enumerate(lines) if f"npp/1/{stop} --reason" in line]
-        assert lines[command - 1] == f"npp out, stop {stop} of 9: {words}"
+        assert (
+            lines[command - 1]
+            == f"diagonal X+Y-Z- to X-Y+Z+ (npp) out, stop {stop + 1} of 10: {words}"
+        )
 
 
 def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
@@ -193,7 +195,7 @@ def test_of_a_way_back_that_the_plan_does_not_want_nothing_is_asked(survey):
     back[1] = marked(back[1], message("window-step", step_um=4.0))
     record(survey, 1, [*stops_of("ppp", only=range(5)), *back])
     out = stepdiag("status", survey).out
-    assert "ppp: pass 1: stops 5, 6, 7, 8, 9 are missing" in out
+    assert "ppp: pass 1: stops 6–10 are missing" in out
     assert "pass 2" not in out
 
 
@@ -203,7 +205,7 @@ def test_nor_where_it_is_solved(tmp_path):
     session, _ = recorded(tmp_path, survey_file(setups=("ppp",)), program.events())
     assert [(each.number, each.whole) for each in session.book.passes] == [(2, False)]
     refusal = stepdiag("solve", tmp_path).refusal
-    assert "missing ppp: pass 1" in refusal
+    assert "missing diagonal X-Y-Z- to X+Y+Z+ (ppp): pass 1" in refusal
     assert "pass 2" not in refusal
 
 

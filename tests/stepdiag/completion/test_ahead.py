@@ -96,7 +96,8 @@ def test_a_taken_setup_stands_in_the_survey_file(file):
     assert (status.setup, status.further) == ("ppp+1", True)
     assert (
         rendered(status.words, "de")
-        == "Als Nächstes: ppp auf einer Linie, verschoben um 150 mm in z. 1,2 -> 1,1 µm, 40 min."
+        == "Größter Gewinn: Diagonale X-Y-Z- nach X+Y+Z+ (ppp) auf einer Linie, verschoben um "
+        "150 mm in z. 1,2 -> 1,1 µm, 40 min."
     )
     assert take(file, load_survey(file), ahead) == SHIFTED
     survey = load_survey(file)

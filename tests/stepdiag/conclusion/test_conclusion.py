@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Budget
@@ -26,6 +26,7 @@ from stepdiag.conclusion import (
     conclusion_json,
     contributions_of,
     export_of,
+    loadable,
     render,
     words_of,
 )
@@ -510,15 +511,18 @@ class TestUnseenSlip:
 
     def test_is_said_with_the_sizes_that_are_noticed(self) -> None:
         (words,) = self.said()
-        assert "2.5 µm in npp/1/4" in words
+        assert "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 would" in words
         assert "4.0 µm are nearly always noticed (95 %)" in words
 
     def test_is_said_with_its_passes_where_it_makes_more_than_the_readings_do(self) -> None:
         """0.5 µm of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has
         that and not the slip."""
         slip, passes = self.said(volume_um=0.5, readings_um=0.2, passes=["npp/1", "ppp/2"])
-        assert "2.5 µm in npp/1/4" in slip
-        assert "No stated uncertainty counts such a slip. Unnoticed in npp/1, ppp/2" in passes
+        assert "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 would" in slip
+        assert (
+            "Unnoticed in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out; diagonal X-Y-Z- to X+Y+Z+ "
+            "(ppp), pass 2 back, it would leave"
+        ) in passes
         assert "(0.2 µm, k = 1)" in passes
         assert self.said(volume_um=0.5, readings_um=0.2, passes="nonsense") == [slip]
 
@@ -554,4 +558,28 @@ class TestUnseenSlip:
 
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
-        assert "npp/1/4: no reading shows them" in words
+        assert "(npp), pass 1 out, stop 5: no reading shows them" in words
+
+
+def test_a_proof_run_concludes_with_its_verdict_alone() -> None:
+    """One diagonal and one line state nothing about a machine's errors, and promise nothing."""
+    verdict = finding("warning", message("proof.open", open=["EXX not decided"]))
+    result = replace(made_up_result(), findings=(verdict,))
+    concluded = conclude(result)
+    assert (concluded.next_step.key, concluded.reach) == ("next_proof", None)
+    assert not any(
+        (
+            concluded.wrong,
+            concluded.unknown,
+            concluded.reached,
+            concluded.verdict,
+            concluded.basis,
+            concluded.load,
+        )
+    )
+    assert "does not decide EXX" in render(concluded.next_step, "en")
+
+
+def test_files_that_only_a_proof_run_can_judge_are_loaded_for_it() -> None:
+    (sentence,) = loadable([Export(controller="siemens", unproven=True)])
+    assert sentence.key == "load_proof"

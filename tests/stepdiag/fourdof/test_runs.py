@@ -169,7 +169,7 @@ def test_the_laser_may_give_the_distance():
     dark, _ = captured(wanted)
     with pytest.raises(
         DataError,
-        match="fourdof-x pass 1: stop 0: expected a reading of the laser for the distance",
+        match=r"\(fourdof-x\), pass 1 out, stop 1: expected a reading of the laser",
     ):
         evaluate_head(wanted, dark, FILES, {})
 
@@ -312,7 +312,10 @@ def test_a_dark_pass_says_nothing_and_says_so():
     codes = {finding.code for finding in found.findings}
     assert {"fourdof-beam-blocked"} <= codes
     assert sum(one.name == "EYX" for one in found.straightness) == 1
-    assert any(finding.text.startswith("fourdof-x pass 1: ") for finding in found.findings)
+    assert any(
+        finding.text.startswith("4-DOF run X (fourdof-x), pass 1 out: ")
+        for finding in found.findings
+    )
 
 
 def test_level_and_head_are_merged_and_a_double_is_named():

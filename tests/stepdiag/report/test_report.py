@@ -446,7 +446,7 @@ def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
     )
     figure = next(
         one
-        for one in setup_figures(layout_of(returned, result), catalogue("report", "en"))
+        for one in setup_figures(layout_of(returned, result), catalogue("report", "en"), "en")
         if one.name == "setup-ppp"
     )
     there, back_again = (re.findall(rf'class="line s{order}"', figure.drawing) for order in (0, 1))

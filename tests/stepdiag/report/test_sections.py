@@ -114,30 +114,31 @@ def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_t
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     blind = {**SLIP, "setup": "linear-x", "half_um": None, "nearly_um": None, "volume_um": None}
     result = replace(made_up_result(), **members(unseen_slip={"diagonals": SLIP, "runs": blind}))
-    assert slips_table(result, words).rows == [
-        ("npp/1/4", "2.5", "4.0", "1.2"),
-        ("linear-x/1/4", "–", "–", "–"),
+    assert slips_table(result, words, "en").rows == [
+        ("diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5", "2.5", "4.0", "1.2"),
+        ("linear run X (linear-x), pass 1 out, stop 5", "–", "–", "–"),
     ]
-    assert slips_table(made_up_result(), words) is None
+    assert slips_table(made_up_result(), words, "en") is None
     assert (
         slips_table(
             replace(made_up_result(), **members(unseen_slip={"diagonals": "nonsense", "runs": {}})),
             words,
+            "en",
         )
         is None
     )
-    assert "npp/1/4" in build_report(result, source="result.json").html
+    assert "(npp), pass 1 out, stop 5" in build_report(result, source="result.json").html
 
 
 def test_a_column_that_no_setup_fills_is_left_out():
     """Without a way back no drift is known: the column stood there empty."""
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     once = setups(ppp={"drift": [], "residual_um": 0.1}, npp={"drift": [], "residual_um": 0.2})
-    assert setups_table(replace(made_up_result(), setups=once), words).header == (
+    assert setups_table(replace(made_up_result(), setups=once), words, "en").header == (
         words["setup"],
         "residual / µm",
     )
     drift = {"pair": 1, "rate": 0.5, "unit": "um/stop", "total_um": 0.5, "u_um": 0.1}
     both = {**once, **setups(npp={"drift": [drift], "residual_um": 0.2})}
-    rows = setups_table(replace(made_up_result(), setups=both), words).rows
+    rows = setups_table(replace(made_up_result(), setups=both), words, "en").rows
     assert [row[1] for row in rows] == ["–", "0.50 ± 0.10 µm"]

@@ -1,12 +1,18 @@
 """The terminal's language: that of the environment, for refusals, findings, tables and the
 conclusion."""
 
+import io
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
-from stepdiag.terminal.viewer import viewers_language
+from stepdiag.base.messages import message
+from stepdiag.demo.reach import FORMS
+from stepdiag.terminal.viewer import empty_table, print_words, shown, viewers_language
+from stepdiag.texts.texts import LANGUAGES, Language
 from testkit.cli import stepdiag
 from testkit.german import is_english
 
@@ -50,3 +56,49 @@ def test_a_result_is_german_where_the_terminal_is(tmp_path, monkeypatch):
     assert lines == []
     assert "Rechtwinkligkeit und Maßstab" in german.out
     assert stepdiag("solve", readings, "--json") == plain
+
+
+class Terminal(io.StringIO):
+    """A terminal of 40 columns."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_lines_are_wrapped_at_words_and_a_command_stays_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A command that is broken cannot be copied; a file or a program gets whole lines."""
+    monkeypatch.setenv("COLUMNS", "40")
+    command = "`stepdiag accept survey.toml ppp/1/5 --reason dust`"
+    line = f"  every pass is in and no result is there yet: {command} makes one"
+    for screen in (Terminal(), io.StringIO()):
+        monkeypatch.setattr(sys, "stdout", screen)
+        print_words(line, "end")
+        lines = screen.getvalue().splitlines()
+        if not screen.isatty():
+            assert lines == [line, "end"]
+            continue
+        assert lines[0] == "  every pass is in and no result is"
+        assert [each.strip() for each in lines if command in each] == [command]
+        assert all(len(each) <= 40 or command in each for each in lines)
+        assert all(each.startswith("    ") for each in lines[1:-1])
+        assert " ".join(each.strip() for each in lines[:-1]) == line.strip()
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_demo_names_each_form_in_a_line(
+    language: Language, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a terminal of 80 columns."""
+    monkeypatch.setenv("LANG", language)
+    monkeypatch.delenv("LC_ALL", raising=False)
+    monkeypatch.delenv("LC_MESSAGES", raising=False)
+    names = [message("demo-fanuc"), message("demo-siemens"), *(form.name for form in FORMS)]
+    table = empty_table(message("table-demo"))
+    for name in names:
+        table.add_row(shown(name), "10.00", "100.00", "10.00")
+    drawn = io.StringIO()
+    Console(file=drawn, width=80).print(table)
+    rows = [line for line in drawn.getvalue().splitlines() if line.startswith("│")]
+    assert len(rows) == len(names)

@@ -33,7 +33,12 @@ GIVEN: dict[Kind, Argument] = {
     "or": ["X7", "X8"],
     "and": ["X7", "X8"],
     "stops": [1, 2, 4],
+    "ranges": [1, 2, 4],
+    "stop": 3,
+    "pass": 2,
+    "setup": "npp",
 }
+HERE = "Diagonale X-Y-Z- nach X+Y+Z+ (ppp) hin, Messpunkt 6: "
 PLACE = Place(setup="ppp", way="out", pass_number=1, stop=5, last=30)
 
 
@@ -78,7 +83,7 @@ def test_the_page_with_every_finding_is_german() -> None:
         text for entry in entries for text in (entry["sentence"]["de"], entry["advice"]["de"])
     ]
     assert [text for text in german if is_english(text)] == []
-    assert all(entry["sentence"]["de"].startswith("ppp hin, Messpunkt 5: ") for entry in entries)
+    assert all(entry["sentence"]["de"].startswith(HERE) for entry in entries)
     assert {entry["code"] for entry in entries} == {one.code for one in MADE}
 
 
@@ -127,13 +132,13 @@ READ = [
         number=1,
         why=message(
             "stops-without-start",
-            stops="5, 6",
+            stops=[5, 6],
             why=LOST,
             again=message("again-from-or-whole", stop=4),
         ),
     ),
-    message("stops-misfit", stops="5", misfit_um=2.5),
-    message("pass-why", number=1, why=message("stops-off", stops="5, 6", why=STEP, stop=2)),
+    message("stops-misfit", stops=[5], misfit_um=2.5),
+    message("pass-why", number=1, why=message("stops-off", stops=[5, 6], why=STEP, stop=2)),
     joined(
         [
             STEP,

@@ -60,7 +60,7 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             )
             assert "a daemon records here now" in told
             assert "only 0.0 GB are left on the disk" in told
-            assert f"drive again from stop {kept[-1].stop} on" in told
+            assert f"drive again from stop {kept[-1].stop + 1} on" in told
             assert (
                 replay([next((tmp_path / "meanwhile").iterdir())]).book.last_count
                 == kept[-1].stop_count

@@ -110,14 +110,14 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, wo
             said = until(process, "pass-ended")
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
-    assert "stop 2 of 3" in findings_of(said, code)[0]
+    assert "stop 3 of 4" in findings_of(said, code)[0]
     assert words in findings_of(said, code)[0]
     assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [
         ("ppp", 1, 2, code)
     ]
     assert not book.complete()
     assert "may be off" in told
-    assert "drive again from stop 1 on" in told
+    assert "drive again from stop 2 on" in told
     doubted = book.passes[0].chosen()[2]
     assert doubted.u_um > LEAST_U_UM, "a reading that stands still is no better than its resolution"
 
@@ -198,7 +198,7 @@ def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_do
             place.start_setups()
             said = until(process, "pass-ended")
         book = nothing_silently_wrong(place)
-    assert "stop 2 of 3" in findings_of(said, "place-unknown")[0]
+    assert "stop 3 of 4" in findings_of(said, "place-unknown")[0]
     (only,) = book.passes
     assert "place-unknown" in only.measured[2][0].stop.doubt_codes
     assert "drive the whole pass again" in str(only.why_incomplete())
@@ -247,7 +247,9 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
     (text,) = findings_of(said, "machine-alarm")
-    assert re.match(r"ppp out, stop 2 of 3: the machine reported an alarm at [0-9:]{8} UTC", text)
+    assert re.search(
+        r"\(ppp\) out, stop 3 of 4: the machine reported an alarm at [0-9:]{8} UTC", text
+    )
     assert [(each.place, each.code) for each in book.doubts()] == [("ppp/1/2", "machine-alarm")]
     assert "ppp/1/2 --reason" in told
 
@@ -268,7 +270,7 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
     assert (
-        "stop 2 of 6: measured again it reads +55.0 µm otherwise"
+        "stop 3 of 7: measured again it reads +55.0 µm otherwise"
         in findings_of(said, "reading-differs")[0]
     )
 
@@ -288,15 +290,15 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
     assert (
-        "stop 2 of 3: measured again it reads +55.0 µm otherwise"
+        "stop 3 of 4: measured again it reads +55.0 µm otherwise"
         in findings_of(said, "reading-differs")[0]
     )
     # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or
     # after it
     (doubt,) = book.doubts()
     assert (doubt.code, doubt.stop in (2, 3)) == ("reading-differs", True)
-    assert "stop 2 read +55.0 µm otherwise" in told
-    assert f"drive again from stop {doubt.stop - 2} on" in told
+    assert "stop 3 read +55.0 µm otherwise" in told
+    assert f"drive again from stop {doubt.stop - 1} on" in told
 
 
 @pytest.mark.impatient
@@ -323,7 +325,7 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
             said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     texts = findings_of(said, "count-slip")
-    assert any("ppp out, stop 4 of 9: count slip of" in text for text in texts), texts
+    assert any("(ppp) out, stop 5 of 10: count slip of" in text for text in texts), texts
     assert next(
         each.size_um for each in book.doubts() if (each.pass_number, each.stop) == (1, 4)
     ) == pytest.approx(slip_um, abs=1.0)
@@ -355,12 +357,12 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
         doubted
         == {
             f"{setup}/{number}"
-            for setup, number in re.findall(r"setup (\S+), pass (\d), stop", reason)
+            for setup, number in re.findall(r"\((\S+)\), pass (\d) \w+, stop", reason)
         }
         != set()
     )
     (size,) = set(
-        re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) µm before it\)", reason)
+        re.findall(r"\(npp\), pass 1 out, stop 5 \(a step of \+([0-9.]+) µm before it\)", reason)
     )
     assert float(size) == pytest.approx(20.0, abs=1.0)
     assert not (place.round / "result.json").exists()
@@ -412,9 +414,7 @@ def test_a_stop_signal_that_flickers(tmp_path):
         assert each["deviation_um"] == pytest.approx(
             1e3 * (each["reading_mm"] - nominal_mm), abs=0.01
         )
-    assert [each["waits_for"].partition(", ")[0] for each in stops[:3]] == [
-        "ppp 1/3",
-        "ppp 2/3",
-        "ppp 3/3",
+    assert [each["waits_for"].split(", ")[:2] for each in stops[:3]] == [
+        ["diagonal X-Y-Z- to X+Y+Z+ (ppp)", f"stop {number} of 4"] for number in (2, 3, 4)
     ]
     assert only.chosen()[2].window_to_ns - only.chosen()[2].window_from_ns > 0.3e9

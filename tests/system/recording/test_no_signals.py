@@ -146,7 +146,7 @@ def test_begin_says_why_it_cannot(tmp_path, monkeypatch):
             )  # that one is not answered at all
             code, _, said = stepdiag("begin", place.survey, "pnp")
             assert code == 3
-            assert "npp 0/6" in said
+            assert "(npp), stop 1 of 7" in said
             until(process, "begin-refused")
         code, out, _ = stepdiag("check", place.survey, "--seconds", "1")
         assert code == 0
@@ -177,7 +177,7 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
         with daemon(place.survey, wait_for=("laser",)):
             ordered(port, token, "choose-setup", setup="pnp")
             ordered(port, token, "start")
-            until_told(place, "pnp 0/6")
+            until_told(place, "(pnp), stop 1 of 7")
 
 
 @pytest.mark.impatient
@@ -199,7 +199,9 @@ def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
         assert place.bench.next(300.0, "bench")["event"] == "waiting"
         assert stepdiag("begin", place.survey, "ppp")[0] == 0
         place.bench.say("start")
-        said = until(process, "pass-ended", reason="ppp back: stop 6 has gone by")
+        said = until(
+            process, "pass-ended", reason="diagonal X-Y-Z- to X+Y+Z+ (ppp) back: stop 7 has gone by"
+        )
         assert not [
             each
             for each in said

@@ -228,5 +228,5 @@ def test_a_survey_with_a_missing_pass_says_which(tmp_path):
             until(process, "pass-ended", kind="complete")
         code, _, said = stepdiag("replay", place.round, "--out", tmp_path / "again")
     assert code == 3
-    assert "missing pnp: pass 1; ppn: pass 1" in said
+    assert "(pnp): pass 1; diagonal X-Y-Z+ to X+Y+Z- (ppn): pass 1" in said
     assert not (tmp_path / "again").exists()

@@ -58,7 +58,7 @@ def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(
             said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     out, back = book.passes
-    assert "ppp back, stop 0 of 3" in findings_of(said, code)[0]
+    assert "(ppp) back, stop 1 of 4" in findings_of(said, code)[0]
     assert [doubt.place for doubt in book.doubts()] == doubts
     shared = out.chosen()[3].window_from_ns == back.chosen()[0].window_from_ns
     assert shared is (code == "turned-round")
@@ -112,6 +112,6 @@ def test_a_daemon_that_comes_back_on_the_way_back_doubts_what_it_takes_for_the_w
             said = until(process, "pass-ended")
         book = nothing_silently_wrong(place)
     (only,) = book.passes
-    assert "linear-x out, stop 1 of 4" in findings_of(said, "other-side")[0]
+    assert "(linear-x) out, stop 2 of 5" in findings_of(said, "other-side")[0]
     assert (1, "other-side") in {(doubt.stop, doubt.code) for doubt in only.open_doubts()}
     assert not only.complete

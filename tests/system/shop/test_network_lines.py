@@ -67,7 +67,11 @@ def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cos
         with daemon(place.survey) as process:
             place.setups = place.setups[1:]
             place.start_setups()
-            until(process, "pass-ended", reason="ppn out: stop 3 has gone by")
+            until(
+                process,
+                "pass-ended",
+                reason="diagonal X-Y-Z+ to X+Y+Z- (ppn) out: stop 4 has gone by",
+            )
         book = nothing_silently_wrong(place)
         assert book.doubts()
 

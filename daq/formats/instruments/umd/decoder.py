@@ -88,6 +88,7 @@ class UmdDecoder:
         self._cycle_mm = settings.sign * settings.wavelength_nm * 1e-6 / 2 / settings.optics
         self._lines = LineBuffer(LINE_CAP)
         self._track = CounterTrack(_RAW_COUNT)
+        self.repeats_after = 2.0**32
         self._board = Board(settings.phase_bits)
         self._first_line = True
         self._greeted = False

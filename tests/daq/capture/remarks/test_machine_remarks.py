@@ -49,7 +49,7 @@ def test_no_stop_is_taken_from_registers_that_stand_still():
     timeline.frozen = (arrived + 0.6, gone + 0.6)
     stops, findings = run(timeline)
     assert [each.code for each in findings][:1] == ["heartbeat-still"]
-    assert "stop 3 of 9" in findings[0].text
+    assert "stop 4 of 10" in findings[0].text
     assert stops[3].window_to_ns * 1e-9 < left
     for index, stop in stops.items():
         error_um = (stop.reading_mm - stops[0].reading_mm - timeline.stops[index].reading) * 1e3
@@ -63,7 +63,7 @@ def test_an_alarm_is_named_with_its_time_and_the_stop_after_it_is_doubted():
     timeline.alarm = (left + 0.1, left + 0.3)
     stops, (alarm,) = run(timeline)
     assert alarm.code == "machine-alarm"
-    assert "stop 4 of 9" in alarm.text
+    assert "stop 5 of 10" in alarm.text
     assert "at 00:00:0" in alarm.text
     assert [index for index, stop in stops.items() if stop.doubts] == [4]
     assert stops[4].doubt_codes == ("machine-alarm",)

@@ -27,7 +27,8 @@ from testkit.exact.placed import placed
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 EMPTY = Plan(volume=VOLUME, runs=())
-NOISE_UM, TILT_MRAD = 0.3, 0.3
+NOISE_UM, NOISE_OVER_S, TILT_MRAD = 0.3, 2.0, 0.3
+"""Noise of a reading that is the mean over so many seconds; it falls with the root of the dwell."""
 MACHINES = 20
 ARRIVAL_UM, DRIFT_UM, WANDER_UM = 0.5, 0.15, 0.1
 """Of a machine that scatters: of each arrival of an axis, and of a pass."""
@@ -52,7 +53,8 @@ def machine_of(range_urad: float, seed: int) -> Machine:
 def drive(survey: Plan, machine: Machine, rng: np.random.Generator) -> Readings:
     """Return the readings of a survey: mirror and beam of every setup lean in directions of their
     own."""
-    readings = perfect_readings(survey, NOISE_UM)
+    noise_um = NOISE_UM * float(np.sqrt(NOISE_OVER_S / survey.pace.dwell_s))
+    readings = perfect_readings(survey, noise_um)
     read_mm = np.array(readings.reading_mm)
     for run in survey.runs:
         leans = [
@@ -70,7 +72,7 @@ def drive(survey: Plan, machine: Machine, rng: np.random.Generator) -> Readings:
                     direction=np.sign(stops[-1] - stops[0]),
                     time_s=np.zeros(len(stops)),
                 )
-                noisy = shown + rng.normal(scale=1e-3 * NOISE_UM, size=len(rows))
+                noisy = shown + rng.normal(scale=1e-3 * noise_um, size=len(rows))
                 read_mm[rows] = noisy - noisy[0]
     object.__setattr__(readings, "reading_mm", read_mm)
     return readings

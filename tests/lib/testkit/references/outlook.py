@@ -78,7 +78,7 @@ def of_words(result: Result):
         "beside_lengths": basis.beside,
         "scales": [scales_in_words(one) for one in (basis.scales, basis.other)],
         "unseen": unseen,
-        "places": [each.place for each in unseen],
+        "places": [f"{each.setup}/{each.pass_number}/{each.stop}" for each in unseen],
     }
 
 

@@ -99,15 +99,15 @@ def test_marks_of_other_programs_do_not_matter(disguise):
         (
             GOOD.replace("x,1,2", "x,1,4"),
             (
-                "setup linear-x, pass 1: expected at most one stop in 10 missing within a pass, "
-                "found 2 of 5"
+                "linear run X (linear-x), pass 1 out: expected at most one stop in 10 missing "
+                "within a pass, found 2 of 5"
             ),
         ),
-        (GOOD.replace("x,1,2", "x,1,99999999"), "stops missing, the first is stop 2"),
-        (GOOD.replace("x,1,0", "x,1,3"), "setup linear-x, pass 1: expected stop 0, found stop 1"),
+        (GOOD.replace("x,1,2", "x,1,99999999"), "stops missing, the first is `stop = 2`"),
+        (GOOD.replace("x,1,0", "x,1,3"), "expected a row with `stop = 0`, found `stop = 1`"),
         (
             GOOD.replace("x,1,2", "x,1,1"),
-            "setup linear-x, pass 1: expected stop 1 once, found it twice",
+            "linear run X (linear-x), pass 1 out: expected one row with `stop = 1`, found it twice",
         ),
         (GOOD.replace("x,1,2", "x,1,-2"), "line 4: stop: expected a whole number from 0 up"),
         (GOOD.replace("x,1,2", "x,0,2"), "line 4: pass: expected a whole number from 1 up"),

@@ -77,7 +77,7 @@ def test_runs_join_a_survey_as_passes_out_and_back():
     rows, setup = rtl_readings(parse_rtl(FILE, "x.rtl"), "", (0.0, 0.0, 0.0), "x.rtl")
     joined = with_runs(diagonals(), [(setup, rows)], "readings.csv")
     passes = {str(key): at for key, at in joined.passes().items()}
-    out, back = (passes[f"setup linear-x, pass {number}"] for number in (1, 2))
+    out, back = (passes[f"linear run X (linear-x), pass {way}"] for way in ("1 out", "2 back"))
     assert joined.position_mm[out, 0].tolist() == [0, 100, 200, 300]
     assert joined.reading_mm[out] == pytest.approx([0.0, 100.0015, 199.998, 300.003])
     assert joined.position_mm[back, 0].tolist() == [300, 200, 100, 0]

@@ -386,7 +386,9 @@ def test_what_the_solver_writes_is_of_version_3(method):
 
 def test_the_slips_that_are_there_are_listed():
     found = read(Node({"runs": SLIP}, "r", "", strict=True), UnseenSlips)
-    assert [each.place for each in found] == ["ppp/1/5"]
+    assert [str(each.where) for each in found] == [
+        "diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out, stop 6"
+    ]
     assert (
         read_or_none(Node({"runs": {**SLIP, "pass": 1.5}}, "r", ""), UnseenSlips) == UnseenSlips()
     )
