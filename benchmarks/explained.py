@@ -48,6 +48,7 @@ CAUSES = frozenset(
         "machine-beside-model",
         "stated-u-low",
         "drift-large.growth",
+        "step-mismatch.names",
     )
 )
 """Message keys that name one cause."""
@@ -75,6 +76,7 @@ class Row:
     stated_um: float | None = None
     unseen_c: Callable[[str], float] | None = None
     feedback: str = "scale"
+    exchanged: tuple[str, ...] = ()
 
     @property
     def ideal(self) -> "Row":
@@ -87,6 +89,7 @@ class Row:
             noise_um=NOISE_UM,
             stated_um=None,
             unseen_c=None,
+            exchanged=(),
         )
 
 
@@ -215,6 +218,46 @@ def _warming(um_m: float) -> Callable[[Machine, int], Machine]:
     return warm
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cycling(Growth):
+    """Axes that grow and shrink as the temperature of the hall cycles with the period ``tau_s``."""
+
+    phase: float
+
+    def share(self, time_s: Array) -> Array:
+        """Return the share of the amplitude at each time."""
+        return _exact(np.sin(2.0 * np.pi * np.asarray(time_s) / self.tau_s + self.phase))
+
+
+def _cycling(um_m: float, minutes: float) -> Callable[[Machine, int], Machine]:
+    def cycling(machine: Machine, seed: int) -> Machine:
+        phase = float(np.random.default_rng((9, seed)).uniform(0.0, 2.0 * np.pi))
+        return replace(machine, growth=Cycling(um_m=(um_m,) * 3, tau_s=60.0 * minutes, phase=phase))
+
+    return cycling
+
+
+def _drifting(size_um: float, course: Callable[[Array], Array], passes: int) -> Extra:
+    """Return a count that drifts in two setups: ``course`` of the elapsed share of the time."""
+    return lambda name, number, at, _d, _t, _rng: _exact(
+        size_um
+        * course((np.arange(len(at)) / (len(at) - 1) + number - 1) / passes)
+        * (name in ("npp", "linear-z"))
+    )
+
+
+def _square(elapsed: Array) -> Array:
+    return _exact(elapsed**2)
+
+
+def _cube(elapsed: Array) -> Array:
+    return _exact(elapsed**3)
+
+
+def _settling(elapsed: Array) -> Array:
+    return _exact(np.expm1(-3.0 * elapsed) / np.expm1(-3.0))
+
+
 def _screws(size_um: float, pitch_mm: float) -> Callable[[Machine, int], Machine]:
     def waved(machine: Machine, seed: int) -> Machine:
         phase = np.random.default_rng((6, seed)).uniform(0.0, 2.0 * np.pi, 3)
@@ -308,6 +351,33 @@ ROWS = (
         name="warms 20 um per 500 mm in an hour",
         machine=_warming(40.0),
         named=frozenset(("drift-large.growth",)),
+    ),
+    *(
+        Row(
+            name=f"{um_m:g} um/m up and down in {minutes:g} min",
+            machine=_cycling(um_m, minutes),
+            named=frozenset(("drift-large.growth",)),
+        )
+        for um_m in (3, 10, 20)
+        for minutes in (3, 6, 12, 20, 40, 90)
+    ),
+    *(
+        Row(
+            name=f"npp and linear-z drift by 6 um, {course}{way}",
+            extra=_drifting(6.0, of_time, len(passes)),
+            passes=passes,
+        )
+        for passes, way in (((1,), ""), ((1, 2), ", out and back"))
+        for course, of_time in (("square", _square), ("cube", _cube), ("settling", _settling))
+    ),
+    *(
+        Row(
+            name=f"npp and pnp exchanged{way}",
+            passes=passes,
+            exchanged=("npp", "pnp"),
+            named=frozenset(("step-mismatch.names",)),
+        )
+        for passes, way in (((1,), ""), ((1, 2), ", out and back"))
     ),
     Row(name="wind-up 5 um over 20 mm", extra=_wound_up(5.0, 20.0), increments=20, passes=(1, 2)),
     Row(name="every beam 3 mm off at its end", beam_end_mm=3.0),
@@ -474,8 +544,18 @@ def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
         zero=zeros,
         **whole,  # type: ignore[arg-type]
     )
+    readings = _in_each_others_place(readings, row.exchanged)
     truth = mean_machine(machine, whole["time_s"], unseen)
     return readings, beside(machine.field_um)(truth, seed) if isinstance(machine, Beside) else truth
+
+
+def _in_each_others_place(readings: Readings, exchanged: Sequence[str]) -> Readings:
+    """Return readings in which two setups have each other's."""
+    of_setup = {name: np.flatnonzero(np.array(readings.setup) == name) for name in exchanged}
+    reading_mm = np.array(readings.reading_mm)
+    for rows, other in zip(of_setup.values(), reversed(of_setup.values()), strict=True):
+        reading_mm[rows] = readings.reading_mm[other]
+    return replace(readings, reading_mm=reading_mm)
 
 
 def wrong_names(row: Row, result: Result) -> bool:

@@ -106,9 +106,10 @@ class _Reader:
         return [self._line_table(lines.INCLINATION, letter, letter, keys, number)]
 
     def straightness(self, name: str, numbers: StraightnessNumbers) -> list[Table]:
-        """Return the four-point straightness called ``name``, where the files hold it."""
+        """Return the four-point straightness called ``name``, where the files hold it: a control
+        with the option and no table punches the four points as zeros."""
         keys = (*numbers.points, *numbers.values)
-        if self._find(keys[0], None) is None:
+        if not any(self._find(key, None) not in (None, "0") for key in numbers.points):
             return []
         table = self._line_table(lines.STRAIGHTNESS, name[2], name[1], keys, None)
         return [replace(table, place={**table.place, "set": numbers.moving})]

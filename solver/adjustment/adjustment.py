@@ -15,6 +15,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT
+from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
 from stepdiag.solver.adjustment.faults import (
     MOST,
@@ -275,7 +276,8 @@ class _Task:
 
     def run(self) -> Adjustment:
         """Return the adjustment after all rounds."""
-        current = self._with_right_signs(self._find_scatter(self._fit_with_tilts(), robust=True))
+        current = self._find_scatter(self._fit_with_tilts(), robust=True)
+        current = self._with_right_signs(self._with_right_names(current))
         for suspicious in self._suspicions(current):
             current = suspicious
         # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found
@@ -336,6 +338,24 @@ class _Task:
             causes,
             np.repeat(self.sizes.factor, [effect.count for effect in self.effects]),
         )
+
+    def _with_right_names(self, current: MixedFit) -> MixedFit:
+        """Return the fit with the readings of two setups exchanged, and named, if their names agree
+        with all other readings only so.
+        """
+        found = exchange(_as_usual(current, self.effects, self.sizes), self.layout)
+        if found is None:
+            return current
+        (first, second), change = found
+        count = len(self.layout)
+        self.layout = replace(self.layout, deviation_um=self.layout.deviation_um + change[:count])
+        self.target += change
+        names = {
+            "first": self.layout.setups[first].name,
+            "second": self.layout.setups[second].name,
+        }
+        self.findings.append(finding("error", message("step-mismatch.names", **names)))
+        return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
         """Return the fit with the angular functions turned over, and named, whose other sign agrees

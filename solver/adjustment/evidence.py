@@ -47,7 +47,7 @@ from stepdiag.solver.linear.mixed import MixedFit
 
 ODDS = 20.0
 """Twenty to one is strong evidence (Kass and Raftery 1995)."""
-STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED = (
+STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "stop",
     "step",
     "walk",
@@ -55,12 +55,22 @@ STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED = (
     "product",
     "growth",
     "sign of an angle",
+    "exchanged names",
 )
-PRIOR = {SCALE: 0.1, PRODUCT: 0.1, GROWN: 0.5, STOP: 0.3, STEP: 0.3, WALK: 0.1, TURNED: 0.1}
+PRIOR = {
+    SCALE: 0.1,
+    PRODUCT: 0.1,
+    GROWN: 0.5,
+    STOP: 0.3,
+    STEP: 0.3,
+    WALK: 0.1,
+    TURNED: 0.1,
+    EXCHANGED: 0.01,
+}
 """Prior probability that a survey has an explanation of a kind: every second survey begins on a
 cold machine; a wavelength, an air or a target of its own for a setup is rarer, and so is a machine
 with products as large as its functions; shops repeat a pass in one survey of three; of the files of
-a head one in ten has the other sign.
+a head one in ten has the other sign, and in one survey of a hundred two names are exchanged.
 """
 GROWING = 4.0 ** np.arange(12)
 """Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the

@@ -6,14 +6,12 @@ and is searched afterwards, with the right signs.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.evidence import ODDS, TURNED, log_prior
 from stepdiag.solver.linear.components import likelier
-from stepdiag.solver.linear.fit import refit
 from stepdiag.solver.linear.mixed import MixedFit
 
 BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
@@ -57,11 +55,11 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
         if len(meant) == len(names):
             break
         names = meant
-    whole = _of(current, target + sum(turned[name] for name in names))
+    whole = current.for_target(target + sum(turned[name] for name in names))
     return [
         name
         for name in names
-        if likelier(whole, _of(current, whole.fixed.target - turned[name])) > BETTER
+        if likelier(whole, current.for_target(whole.fixed.target - turned[name])) > BETTER
     ]
 
 
@@ -73,13 +71,4 @@ def unseen_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
 
 
 def _square(current: MixedFit, target: Vector) -> float:
-    return _of(current, target).chi_square
-
-
-def _of(current: MixedFit, target: Vector) -> MixedFit:
-    before = current.fixed
-    fixed = refit(before.rows, target, before.weight, before.inverse)
-    causes = replace(
-        current.causes, shown=current.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual)
-    )
-    return MixedFit(fixed, causes, current.size)
+    return current.for_target(target).chi_square

@@ -8,14 +8,14 @@ The rows stay as sparse as they are; everything about the amounts lives in matri
 causes): sizes are tried in milliseconds.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.volume import Vector
-from stepdiag.solver.linear.fit import Fit
+from stepdiag.solver.linear.fit import Fit, refit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 
@@ -161,6 +161,12 @@ class MixedFit:
         )
         clipped: Vector = np.clip(share, 0.0, 1.0)
         return clipped
+
+    def for_target(self, target: Vector) -> "MixedFit":
+        """Return the fit of another target (m,), all weights and sizes as they are."""
+        fixed = refit(self.rows, target, self.weight, self.inverse)
+        shown = self.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual)
+        return MixedFit(fixed, replace(self.causes, shown=shown), self.size)
 
     @property
     def freedom(self) -> int:

@@ -140,6 +140,16 @@ def test_fewer_sets_hold_fewer_functions() -> None:
     assert len(plan.listed) == 5
 
 
+def test_a_set_with_axes_and_without_points_holds_no_table() -> None:
+    """The option is in the control, and nobody compensated anything: its tables are read before
+    every export."""
+    named = parameters().replace(b"N05711Q1P0", b"N05711Q1P2").replace(b"N05721Q1P0", b"N05721Q1P1")
+    assert named != parameters()
+    plain = profile()
+    of = replace(plain, existing=(plain.existing[0], ControlFile(name="PARAM.TXT", data=named)))
+    assert [table for table in FANUC.standing(of.existing, (), of) if table.kind != "pitch"] == []
+
+
 def test_an_option_that_the_file_does_not_show_is_refused() -> None:
     with pytest.raises(SafetyError) as refused:
         written(profile(sets=0), drawn())

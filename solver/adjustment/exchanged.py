@@ -1,0 +1,58 @@
+"""Two setups whose names were exchanged, tested before any test of the readings.
+
+Two diagonals have steps of the same lengths, so the laser fits either. The readings of all setups
+agree on one machine with the right names alone: an exchange has no size, and its gain in
+likelihood is its evidence (`solver.adjustment.evidence`).
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.volume import Vector
+from stepdiag.solver.adjustment.evidence import EXCHANGED, ODDS, log_prior
+from stepdiag.solver.linear.components import gained
+from stepdiag.solver.linear.mixed import MixedFit
+from stepdiag.solver.model.layout import Layout
+
+
+def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
+    """Return the two setups whose exchange has `ODDS` against none, and the change of all targets
+    (rows,) that gives each the readings of the other; None without.
+
+    ``usual`` is a fit with causes of usual size, in which an exchange does not hide.
+    """
+    every = list(_pairs(layout))
+    if not every:
+        return None
+    changes = np.zeros((len(usual.weight), len(every)))
+    for column, (_, first, second) in enumerate(every):
+        moved_um = layout.deviation_um[second] - layout.deviation_um[first]
+        changes[first, column], changes[second, column] = moved_um, -moved_um
+    target = usual.fixed.target
+    left = np.array([usual.for_target(target + change).chi_square for change in changes.T])
+    odds = 0.5 * gained(usual, left) + log_prior(EXCHANGED, len(every))
+    best = int(np.argmax(odds))
+    return (every[best][0], changes[:, best]) if odds[best] > np.log(ODDS) else None
+
+
+def _pairs(
+    layout: Layout,
+) -> Iterator[tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield each two diagonals with the same passes, stops and lengths of steps, and the rows of
+    both.
+    """
+    rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
+    number = np.array([key.number for key in layout.passes])[layout.pass_index]
+    diagonal = [index for index, setup in enumerate(layout.setups) if setup.kind != "linear"]
+    for first, second in combinations(diagonal, 2):
+        mine, other = rows[first], rows[second]
+        alike = len(mine) == len(other) > 0 and all(
+            np.array_equal(of[mine], of[other]) for of in (number, layout.stop)
+        )
+        if alike and np.allclose(
+            np.abs(layout.direction[mine[0]]), np.abs(layout.direction[other[0]])
+        ):
+            yield (first, second), mine, other

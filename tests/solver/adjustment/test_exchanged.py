@@ -1,0 +1,46 @@
+"""Diagonals that were driven in each other's place: found by the readings of the whole survey, and
+no good survey has such a pair."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.adjustment.adjustment import adjust
+from stepdiag.solver.model.layout import lay_out
+from testkit.exact.surveys import DIAGONALS, Bench
+
+NAMED = "step-mismatch.names"
+
+
+def exchanged(readings, first, second):
+    """Return the readings with those of two setups exchanged."""
+    names = np.array(readings.setup)
+    reading = readings.reading_mm.copy()
+    reading[names == first] = readings.reading_mm[names == second]
+    reading[names == second] = readings.reading_mm[names == first]
+    return replace(readings, reading_mm=reading)
+
+
+@pytest.mark.parametrize("how", [{}, {"passes": (1, 2)}], ids=["one-way", "out-and-back"])
+@pytest.mark.parametrize(("first", "second"), [("npp", "pnp"), ("ppp", "ppn")])
+def test_exchanged_diagonals_are_named_and_put_right(first, second, how):
+    for seed in (40, 41, 42):
+        readings = Bench(seed=seed).survey(**how)
+        right = adjust(lay_out(readings), "FXYZ")
+        found = adjust(lay_out(exchanged(readings, first, second)), "FXYZ")
+        named = [one for one in found.findings if one.key == NAMED]
+        assert [one.severity for one in named] == ["error"]
+        assert {named[0].message.arguments[name] for name in ("first", "second")} == {first, second}
+        functions = slice(0, 90)
+        assert found.fit.unknowns[functions] == pytest.approx(
+            right.fit.unknowns[functions], abs=0.1
+        )
+
+
+@pytest.mark.parametrize("how", [{}, {"passes": (1, 2)}, {"setups": DIAGONALS}])
+def test_no_good_survey_has_exchanged_diagonals(how):
+    """0 of 8."""
+    for seed in range(50, 58):
+        found = adjust(lay_out(Bench(seed=seed).survey(**how)), "FXYZ")
+        assert NAMED not in [one.key for one in found.findings]
