@@ -1,13 +1,12 @@
-"""A machine without signals: the laser's plateaus place the stops, and the geometry of the begun
-pass names them.
+"""A machine without signals: the laser's plateaus are its standstills, and the chain names them.
 
-The machine sends no stop number. So the first two stops of a pass are known by the step between
-them, every following stop by its distance from the stop before, and a lost count ends the pass: the
-machine's place is then unknown. Every stop named so is handed on as a dwell at its planned
-position, and judged like any other. An instrument whose marker input receives the machine's stop
-relay (quDIS) reports and counts the standstills itself.
+The machine sends no stop number. So the first stops of a pass are sure by the steps between them,
+and a lost count ends the pass: the machine's place is then unknown. Every named stop is handed on
+as a dwell at its planned position, and judged like any other. An instrument whose marker input
+receives the machine's stop relay (quDIS) reports and counts the standstills itself.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +14,9 @@ import numpy as np
 from stepdiag.base.findings import Severity, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.naming.route import agrees, route_of
+from stepdiag.daq.capture.naming.walk import FAULT, SURE, Chain, Look, Path
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.place.route import Route, agrees, route_of
 from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
@@ -39,7 +39,6 @@ LONG = 2.5
 for ever."""
 DWELL_SHARE = 0.5
 """A plateau shorter than this share of the dwell is a place where the machine turned round."""
-MOST_MISSED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +51,6 @@ class _Stand:
     count: int | None = None
 
 
-@dataclass(slots=True)
-class _Place:
-    """The stop named last: its index on a route, and what the laser read at the stops so far."""
-
-    route: Route
-    stop: int
-    levels: dict[int, float]
-
-
 class ByLaser:
     """Follows the laser of one log. ``look`` is called with every chunk; it returns standstills in
     the order of the pass."""
@@ -69,10 +59,10 @@ class ByLaser:
         self._laser = laser
         self.setup = next(iter(start.hints))
         out, back = start.hints[self.setup].numbers
-        self._routes = {
-            True: route_of(survey.planned, self.setup, out),
-            False: route_of(survey.planned, self.setup, back),
-        }
+        self._routes = (
+            route_of(survey.planned, self.setup, out),
+            route_of(survey.planned, self.setup, back),
+        )
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
         self._long_ns = LONG * survey.plan.dwell_s * 1e9
@@ -81,18 +71,31 @@ class ByLaser:
         self._breaks = 0
         self._began_ns = np.inf
         self._marked = survey.laser.format == "qudis" and survey.laser.qudis.marker
-        self._first: _Stand | None = None
         self._left_ns: int | None = None
-        self._place: _Place | None = None
+        self._stands: list[_Stand] = []
+        self._taken = 0
         self._reported: set[str] = set()
         self._lost_ns: int | None = None
         self._over_with = False
         self.seen: list[tuple[float, float]] = []
         """Every standstill so far, placed or not: when it ended (ns), and its level in mm."""
         hint = start.hints[self.setup]
-        self._outward, self._fresh = hint.outward, not hint.known
-        if hint.next_stop == 0 and not any(each.watched for each in start.breaks):
-            self._turn(hint.known)
+        self._way, self._fresh = int(not hint.outward), not hint.known
+        first = 0 if hint.outward else len(self._routes[0]) - 1
+        reaches_back = not any(each.watched for each in start.breaks)
+        self._turns = reaches_back and hint.next_stop == 0 and first in hint.known
+        self._chain = self._begun(hint.known if self._turns else {})
+
+    def _begun(self, known: Mapping[int, float]) -> Chain:
+        """Return the chain of a pass that begins in the expected direction, or in the other one;
+        ``known`` are the readings of the count so far, by stop of the outward route."""
+        last = len(self._routes[0]) - 1
+        levels = (known, {last - stop: level for stop, level in known.items()})
+        begins = (
+            Path(score=-cost, way=way, known=levels[way])
+            for way, cost in ((self._way, 0.0), (1 - self._way, FAULT))
+        )
+        return Chain(self._routes, *begins, signalled=False)
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
         """Return the stops whose standstill is over, and what is reported."""
@@ -110,23 +113,11 @@ class ByLaser:
         for over in self._over(lost=lost):
             self.seen.append((over.to_ns, over.level_mm))
             dwells += [self._dwell(stop, stand) for stop, stand in self._name(over, outcomes)]
-        if lost and self._place is not None and 0 <= self._place.stop < len(self._place.route) - 1:
+        if lost and self._taken and self._chain.best.stop < len(self._routes[0]) - 1:
             self._lost_ns = now_ns
         elif lost:
-            self._place = self._first = None
+            self._chain, self._stands, self._taken, self._turns = self._begun({}), [], 0, False
         return dwells, outcomes
-
-    def _turn(self, known: dict[int, float]) -> None:
-        """Begin at the end of the pass before: the machine is at the first stop of this pass, or
-        comes back to it.
-        """
-        first = 0 if self._outward else len(self._routes[True]) - 1
-        if first in known:
-            levels = {
-                (stop if self._outward else len(self._routes[True]) - 1 - stop): level
-                for stop, level in known.items()
-            }
-            self._place = _Place(self._routes[self._outward], -1, levels)
 
     def _lost(self) -> bool:
         """Return whether the count was lost since this was asked for the last time."""
@@ -160,73 +151,54 @@ class ByLaser:
         return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
 
     def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
-        """Return the stops that a standstill makes known, with the standstill of each."""
-        if self._place is None:
-            return self._begin(stand, outcomes)
-        place = self._place
-        stop = _nearest(place, stand.level_mm)
-        turning = place.stop == -1
-        if stop is None:
-            begun = self._begin(stand, outcomes) if turning else []
-            if not begun:
-                self._nowhere(place, stand, outcomes)
-            return begun
-        if stop == place.stop or (
-            turning and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS
-        ):
-            return []  # the machine has not moved since that stop was taken
-        self._place = _Place(place.route, stop, {**place.levels, stop: stand.level_mm})
-        return [(stop, stand)]
+        """Return the stops that a standstill makes sure, with the standstill of each."""
+        self._stands.append(stand)
+        before = self._chain.best
+        path = self._chain.take(Look(count=stand.count, reading_mm=stand.level_mm))
+        if self._chain.margin < SURE:
+            return []
+        if path.name is None:
+            self._report_nowhere(before, stand, outcomes)
+            return []
+        if self._fresh and path.way != self._way:
+            self._report_wrong_sign(outcomes)
+            return []
+        stops = [
+            (stop, each)
+            for last, stop, each in zip((None, *path.names), path.names, self._stands, strict=False)
+            if stop is not None and stop != last and not self._is_of_pass_before(stop, each)
+        ]
+        taken, self._taken = self._taken, len(stops)
+        return stops[taken:]
 
-    def _begin(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
-        """Hold a standstill until the step to the next shows that a pass has begun, and in which
-        direction.
-        """
-        first, self._first = self._first, stand
-        if first is None:
-            return []
-        moved = stand.level_mm - first.level_mm
-        way = next(
-            (
-                way
-                for way in (self._outward, not self._outward)
-                if agrees(moved, self._routes[way].step_mm(0, 1))
-            ),
-            None,
+    def _is_of_pass_before(self, stop: int, stand: _Stand) -> bool:
+        """Return whether the machine has not moved since the last stop of the pass before."""
+        return self._turns and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS
+
+    def _report_wrong_sign(self, outcomes: list[Outcome]) -> None:
+        """Report the first pass of a setup that runs the other way."""
+        before, stand = self._stands[-2:]
+        moved = stand.level_mm - before.level_mm
+        words = message(
+            "wrong-laser-sign.first", setup=self.setup, moved_mm=moved, wanted_mm=-moved
         )
-        if way is None:
-            return []
-        if self._fresh and way is not self._outward:
-            self._say(
-                "error",
-                message(
-                    "wrong-laser-sign.first", setup=self.setup, moved_mm=moved, wanted_mm=-moved
-                ),
-                outcomes,
+        self._say("error", words, outcomes)
+
+    def _report_nowhere(self, path: Path, stand: _Stand, outcomes: list[Outcome]) -> None:
+        """Report a standstill at no stop of a pass; before a pass only a step beyond the last stop
+        of the pass before: that pass may be off by a stop."""
+        route, stop = self._routes[path.way], max(path.stop, 0)
+        if stop not in path.known:
+            return
+        moved = stand.level_mm - path.known[stop]
+        expected = route.step_mm(stop, min(stop + 1, len(route) - 1))
+        if path.stop >= 0:
+            words = message(
+                "between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected
             )
-            return []
-        self._place = _Place(self._routes[way], 1, {0: first.level_mm, 1: stand.level_mm})
-        return [(0, first), (1, stand)]
-
-    def _nowhere(self, place: _Place, stand: _Stand, outcomes: list[Outcome]) -> None:
-        """Report a machine off every stop; if the pass is over, it may have been another pass all
-        along.
-        """
-        last = len(place.route) - 1
-        if place.stop == -1 and not agrees(
-            stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)
-        ):
-            return
-        if place.stop == -1:
+            self._say("warning", words, outcomes)
+        elif agrees(moved, -expected):
             self._say("error", message("place-unknown.one-more", setup=self.setup), outcomes)
-            return
-        expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
-        moved = stand.level_mm - place.levels[place.stop]
-        self._say(
-            "warning",
-            message("between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected),
-            outcomes,
-        )
 
     def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
         """Take a finding once a log."""
@@ -236,9 +208,7 @@ class ByLaser:
 
     def _dwell(self, stop: int, stand: _Stand) -> Dwell:
         """Return a standstill as a machine with signals would show it, at the planned position."""
-        place = self._place
-        assert place is not None
-        x_mm, y_mm, z_mm = place.route.planned_mm(stop)
+        x_mm, y_mm, z_mm = self._routes[self._chain.best.way].planned_mm(stop)
         from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
         before, self._left_ns = self._left_ns, to_ns
         signals = Signals(stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
@@ -248,22 +218,6 @@ class ByLaser:
             not_before_ns=before or from_ns - 1,
             signals=signals,
         )
-
-
-def _nearest(place: _Place, level_mm: float) -> int | None:
-    """Return the stop nearest to a level, seen from the stop before; None if no stop is near."""
-    route, here = place.route, max(place.stop, 0)
-    most = min(len(route) - 1, place.stop + 1 + MOST_MISSED)
-    expected = {
-        stop: place.levels.get(stop, place.levels[here] + route.step_mm(here, stop))
-        for stop in range(most + 1)
-    }
-    best = min(expected, key=lambda stop: abs(level_mm - expected[stop]))
-    if best == place.stop:
-        return best if abs(level_mm - expected[best]) < STILL_MM else None
-    return (
-        best if agrees(level_mm - place.levels[here], expected[best] - place.levels[here]) else None
-    )
 
 
 def _plateaus(span: Span, least_s: float) -> list[_Stand]:

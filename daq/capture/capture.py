@@ -17,9 +17,10 @@ from stepdiag.daq.capture.cause.likelihood import Stand, moves_between
 from stepdiag.daq.capture.conditions import Conditions, is_sensed, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.naming.finder import PassFinder
+from stepdiag.daq.capture.naming.walk import Walk
 from stepdiag.daq.capture.outages import Outages
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.place.walk import PassFinder, Walk
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, remarked
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.capture.standing.certain_window import (
@@ -84,6 +85,7 @@ class Capture:
         self._late_ns = int(survey.plc.latency_s * 1e9)
         self._skip_open = start.skip_open_dwell
         self._last_count = start.last_count
+        self._setup: int | None = None
         self._taken_from_ns = -1
         self._went_on = False
         self._heard_since_poll = False
@@ -367,12 +369,15 @@ class Capture:
     def _take_dwell(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
         self._remarks.listen(outcomes)
         begun = self.walk is not None
-        found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
+        found: Walk | Finding | Ended | None = self.walk
+        if found is None or dwell.signals.setup != self._setup:
+            found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
+            self._setup = dwell.signals.setup if isinstance(found, Walk) else None
         if self._by_laser is None and not self._cause.over:
             self._judge_cause(dwell, outcomes)
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
-            outcomes.extend([found.begun_anew()] if found.apart else [])
+            outcomes.extend([found.begun_anew(0)] if found.apart else [])
         if isinstance(found, Finding):
             outcomes.append(found)
         elif isinstance(found, Ended) and not self.ended:

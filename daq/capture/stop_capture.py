@@ -4,6 +4,7 @@ reaches back to the stop before.
 
 import math
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 
 import msgspec
@@ -14,10 +15,10 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked, remarks_of
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.naming.route import Route, agrees
+from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.place.route import Route, agrees
-from stepdiag.daq.capture.place.walk import ANEW, BREAKS_COUNT, Walk, begun_anew
 from stepdiag.daq.capture.standing.certain_window import (
     MIN_SAMPLES,
     Taken,
@@ -75,8 +76,8 @@ class StopTaker:
         """Axes that have not moved since the machine came to a stop from the other side."""
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
-        self._believed: list[tuple[Dwell, list[Taken]]] = []
-        """The unplaced standstills, while they may be the first stops of a pass begun anew."""
+        self._named: list[tuple[Dwell, list[Taken], int | None]] = []
+        """The standstills of the present count with their names."""
 
     def take(
         self,
@@ -93,22 +94,20 @@ class StopTaker:
         if not by_laser and walk.is_bounce(dwell.signals):
             return
         taken = certain_windows(placing, dwell, self._rules)
-        if by_laser:
-            lost = not self.reaches_back(taken, dwell)
-            if not lost and (reading_mm := _reading_mm(taken)) is not None:
-                self._think_again(walk, reading_mm, outcomes)
-            index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=lost)
-            if walk.apart:
-                self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
-            self._believed = (
-                [*([] if lost else self._believed), (dwell, taken)]
-                if (walk.unsure or walk.nowhere) and taken
-                else []
-            )
-        else:
-            index, odd = walk.locate(dwell.signals)
-        outcomes.extend(odd)
-        if index is None:
+        lost = not self.reaches_back(taken, dwell)
+        seen = [each.window.mean_mm for each in taken] if placing is self._laser else []
+        after_mm = seen[-1] if len(seen) > 1 else None
+        index, names, odd = walk.locate(
+            dwell.signals, seen[0] if seen else None, after_mm, lost=lost
+        )
+        if walk.apart:
+            self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
+        self._named = [*([] if lost else self._named), (dwell, taken, names[-1])]
+        renamed = (
+            by_laser and walk.unsure is None and [name for _, _, name in self._named] != list(names)
+        )
+        outcomes += self._name_anew(walk, names) if renamed else odd
+        if index is None or (by_laser and index < walk.expected and walk.is_bounce(dwell.signals)):
             return
         if (
             walk.expected == 0
@@ -154,22 +153,22 @@ class StopTaker:
         self._looked_until_ns = max(self._looked_until_ns, beyond_ns or turn.window_to_ns)
         return False
 
-    def _think_again(self, walk: Walk, reading_mm: float, outcomes: list[Outcome]) -> None:
-        """Take the unplaced standstills for the first stops of the pass, if the steps show that it
-        was begun anew.
-
-        If a continued pass has the same steps, as in a cube, only a way back on the unbroken count
-        proves a new beginning.
-        """
-        believed = self._believed
-        readings = [*(windows[0].window.mean_mm for _, windows in believed), reading_mm]
-        if not begun_anew(walk.route, readings) or (walk.goes_on(readings) and not walk.retreated):
-            return
-        outcomes.append(walk.begin_anew())
-        self._believed = []
-        self._before = (Break(believed[0][0].from_ns, ANEW),)
-        for index, (dwell, windows) in enumerate(believed):
-            self._place(walk, index, dwell, windows, outcomes)
+    def _name_anew(self, walk: Walk, names: Sequence[int | None]) -> list[Outcome]:
+        """Place the standstills of the present count again whose names a later standstill has
+        changed, without the last one."""
+        before = [name for *_, name in self._named]
+        first = next(at for at, name in enumerate(names) if name != before[at])
+        self._named = [(*stand[:2], name) for stand, name in zip(self._named, names, strict=True)]
+        stops = [
+            (dwell, taken, name) for dwell, taken, name in self._named[first:-1] if name is not None
+        ]
+        if not stops:
+            return []
+        outcomes: list[Outcome] = [walk.begin_anew(stops[0][2])]
+        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
+        for dwell, taken, name in stops:
+            self._place(walk, name, dwell, taken, outcomes)
+        return outcomes
 
     def _place(
         self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]

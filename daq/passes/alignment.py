@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.place.route import Route
+from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
 POSSIBLE_MRAD = 20.0

@@ -7,7 +7,7 @@ from dataclasses import InitVar, dataclass, field
 
 from stepdiag.base.messages import Message, Way, Words, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import Route
+from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.stretches import (
     SAME_UM,

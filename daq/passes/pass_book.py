@@ -11,7 +11,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.place.route import Route, route_of
+from stepdiag.daq.capture.naming.route import Route, route_of
 from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare, may_hide_um

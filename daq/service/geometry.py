@@ -8,7 +8,7 @@ from itertools import product
 
 from stepdiag.base.readings.runs import Plan
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import route_of
+from stepdiag.daq.capture.naming.route import route_of
 from stepdiag.daq.records.status import GeometryStatus, Point, SetupStatus, WayStatus
 
 BEYOND = 0.06

@@ -9,7 +9,7 @@ from statistics import median
 from stepdiag.base.readings.runs import Plan, run_minutes, run_stops_mm, setup_minutes
 from stepdiag.base.setups import Kind, setup_of
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import route_of
+from stepdiag.daq.capture.naming.route import route_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import DriveStatus

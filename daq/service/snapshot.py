@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 from stepdiag.base.messages import Words, joined, message
-from stepdiag.daq.capture.place.route import route_of
+from stepdiag.daq.capture.naming.route import route_of
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook

@@ -20,7 +20,7 @@ SHORTEST_MACHINE_MM = 10.0
 POSITION_TOLERANCE_MM = 0.125
 """A stop lies within so much of its target: a program with one decimal is off by 0.05 mm, and a G91
 program adds up its rounding. Stop and box together may differ by twice that, as recording takes
-stops (`daq.capture.place.route`). An error function changes by nanometres over such a way, which
+stops (`daq.capture.naming.route`). An error function changes by nanometres over such a way, which
 `solver.adjustment` takes off as well."""
 SHARE_OF_STEP = 0.25
 """Of an increment, if less: two targets must not become one."""

@@ -1,4 +1,4 @@
-"""Inputs of the reference cases of daq/capture/place: routes, what is known of a route, walks, the
+"""Inputs of the reference cases of daq/capture/naming: routes, what is known of a route, walks, the
 first dwell of a log."""
 
 from collections.abc import Iterator
@@ -92,93 +92,6 @@ def _routes() -> Iterator[Case]:
     yield "agreeing", "agreeing", agreeing
 
 
-def _laser_places() -> Iterator[Case]:
-    levels = (
-        0.0,
-        12.0,
-        30.0,
-        60.0,
-        80.178,
-        81.0,
-        100.0,
-        120.268,
-        126.0,
-        127.5,
-        133.63,
-        140.0,
-        150.0,
-        180.0,
-        187.08,
-        213.0,
-        240.5,
-        267.3,
-        300.0,
-        360.8,
-        374.17,
-        400.0,
-        -5.0,
-    )
-    routes = (
-        ("box", BOX, 1.0),
-        ("back", BOX | {"outward": False}, -1.0),
-        ("long", BOX | {"n": 8, "setup": "linear-x"}, 1.0),
-        ("cube", BOX | {"size_mm": [200.0, 200.0, 200.0]}, 0.9),
-    )
-    for name, route, scale in routes:
-        asked: list[Any] = [["stop_at", round(scale * each, 3)] for each in levels]
-        steps = [
-            *asked,
-            ["take", 0, 0.0, False],
-            *asked,
-            ["take", 1, 80.2, False],
-            *asked[:8],
-            ["after_nowhere", 95.0, 2],
-            ["after_nowhere", 148.452, 2],
-            ["after_nowhere", 161.815, 2],
-        ]
-        steps += [
-            ["take", 2, None, False],
-            ["after_nowhere", 20.0, 3],
-            ["take", 3, 500.0, True],
-            *asked[10:],
-            ["after_nowhere", 20.0, 5],
-            ["after_nowhere", 33.363, 6],
-            ["after_nowhere", 100.18, 6],
-        ]
-        steps += [
-            ["lost"],
-            *asked[:3],
-            ["after_nowhere", 1.0, 0],
-            ["after_nowhere", 81.178, 0],
-            ["after_nowhere", 91.178, 99],
-        ]
-        yield f"laser-places-{name}", "laser-places", {"route": route, "known": {}, "steps": steps}
-        known = [["stop_at", round(3.0 + each[1] * 1.003, 3)] for each in asked]
-        yield (
-            f"laser-places-known-{name}",
-            "laser-places",
-            {"route": route, "known": {"0": 3.0, "4": 203.5}, "steps": known},
-        )
-
-    near: list[Any] = [
-        ["stop_at", -at]
-        for at in (0.0, 3.0, 3.4, 9.9, 10.1, 13.4, 16.6, 16.8, 18.4, 25.0, 63.0, 66.8, 70.1, 80.0)
-    ]
-    steps = [
-        ["take", 0, 0.0, False],
-        *near,
-        ["take", 1, -13.363, False],
-        *near,
-        ["take", 2, -66.815, True],
-        *near,
-    ]
-    yield (
-        "laser-places-near",
-        "laser-places",
-        {"route": BOX | {"outward": False}, "known": {}, "steps": steps},
-    )
-
-
 def _turns() -> Iterator[Case]:
     mm = [
         ["same", 20, 10.0],
@@ -227,279 +140,82 @@ def _turns() -> Iterator[Case]:
     yield "positions-rounded", "positions", {"route": BOX, "bare": True, "stops": rounded}
 
 
-def _stop(index: int, count: int | None = None, reading: Any = -1.0, **more: Any) -> list[Any]:
-    return [
-        "advance",
-        {
-            "stop": index,
-            "stop_count": count,
-            "reading_mm": NOMINAL[index] if reading == -1.0 else reading,
-        }
-        | more,
-    ]
-
-
-def _at(index: int, count: int | None = None) -> list[Any]:
-    return ["locate", {"at": SPOTS[index]} | ({} if count is None else {"stop_count": count})]
-
-
-def _sees(reading: float | None, count: int | None = None, *, lost: bool = False) -> list[Any]:
-    return ["by_laser", {} if count is None else {"stop_count": count}, reading, lost]
-
-
-def _counted(act: str, count: int, *at: float) -> list[Any]:
-    return [act, {"stop_count": count} | ({"at": list(at)} if at else {})]
-
-
-def _walks() -> Iterator[Case]:
-    nowhere = [1.0, 2.0, 3.0]
-    signals: list[Any] = [
-        _counted("is_bounce", 9),
-        _at(0, 9),
-        _counted("counts_on", 10),
-        _stop(0, 9),
-        _counted("is_bounce", 9),
-        _counted("is_bounce", 9, *SPOTS[0]),
-        _counted("is_bounce", 9, *SPOTS[1]),
-    ]
-    signals += [
-        _counted("counts_on", 10),
-        _counted("counts_on", 11),
-        ["counts_on", {}],
-        ["is_bounce", {}],
-        _at(1, 10),
-        _at(1, 9),
-        _at(1, 11),
-        _at(1),
-        _stop(1, 10),
-        ["judge", 2, NOMINAL[2]],
-        ["judge", 2, 5.0],
-    ]
-    signals += [
-        ["judge", 1, 99.0],
-        ["expected_reading_mm", 4],
-        _at(3, 12),
-        _at(3, 11),
-        _at(0, 11),
-        _at(1, 11),
-        _counted("locate", 11, *nowhere),
-        *(_counted("locate", count) for count in (11, 99, 1010, 1011, 10, 3)),
-    ]
-    signals += [
-        ["locate", {}],
-        ["skip", 2, 11],
-        ["expected_reading_mm", 3],
-        _at(3, 12),
-        _stop(3, 12),
-        _stop(4, 13),
-        _stop(5, None),
-        _at(6, 14),
-        _stop(6, 14),
-        _counted("is_bounce", 14),
-        _at(6, 15),
-        _at(0, 15),
-    ]
-    signals += [["locate", {"at": nowhere}], ["goes_on", [1.0, 2.0]]]
-    yield "walk-by-signals", "walk", {"route": BOX, "last_count": 8, "steps": signals}
-    turned = [
-        _at(index, count)
-        for index, count in (
-            (0, 8),
-            (0, 9),
-            (1, 9),
-            (1, 10),
-            (1, 11),
-            (2, 9),
-            (2, 10),
-            (2, 11),
-            (0, 10),
-            (0, 11),
+def _names() -> Iterator[Case]:
+    """Yield standstills: stop whose position is shown, counter, reading, and whether the count was
+    lost before."""
+    cube = BOX | {"size_mm": [200.0, 200.0, 200.0]}
+    on = [[None, None, reading] for reading in NOMINAL]
+    counted = [[None, 9 + number, reading] for number, reading in enumerate(NOMINAL)]
+    placed = [[number, 9 + number, reading] for number, reading in enumerate(NOMINAL)]
+    steps = [115.4700538 * number for number in range(7)]
+    for name, looks in (("laser", on), ("counted", counted), ("placed", placed)):
+        yield (
+            f"names-{name}",
+            "names",
+            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": looks},
         )
-    ]
+        yield (
+            f"names-{name}-again",
+            "names",
+            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": [*looks[:4], *looks[1:]]},
+        )
+        yield (
+            f"names-{name}-missed",
+            "names",
+            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": [*looks[:2], *looks[4:]]},
+        )
+        held = [None, looks[2][1], 0.5 * (NOMINAL[2] + NOMINAL[3])]
+        yield (
+            f"names-{name}-held",
+            "names",
+            {
+                "route": BOX,
+                "spots": SPOTS,
+                "last_count": 8,
+                "looks": [*looks[:3], held, *looks[3:]],
+            },
+        )
+        lost = [[*looks[3], True], *looks[4:]]
+        yield (
+            f"names-{name}-lost",
+            "names",
+            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": [*looks[:3], *lost]},
+        )
+        slipped = [[stop, count, reading + 0.5] for stop, count, reading in looks[3:]]
+        yield (
+            f"names-{name}-slipped",
+            "names",
+            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": [*looks[:3], *slipped]},
+        )
+    yield "names-home", "names", {"route": BOX, "looks": [[None, None, -40.0], *on]}
     yield (
-        "walk-turned",
-        "walk",
-        {"route": BOX, "last_count": 8, "steps": [*turned, _counted("locate", 20)]},
+        "names-stuck",
+        "names",
+        {"route": BOX, "last_count": 8, "looks": [[None, 9, reading] for reading in NOMINAL]},
     )
-    begins = {"expected": 3, "last_count": 65535, "last_mm": 100.0, "known": {"2": 100.0}}
-    goes_on = [
-        *(_counted("locate", count) for count in (0, 2, 65535)),
-        _sees(73.3, 0),
-        _sees(73.3, lost=True),
-        _sees(60.0),
-        ["expected_reading_mm", 3],
-        ["judge", 3, 73.3],
-    ]
-    yield "walk-goes-on", "walk", {"route": BOX | {"outward": False}, "steps": goes_on} | begins
-    counted = [
-        _sees(None, 9),
-        _sees(3.0, 9),
-        _stop(0, 9, 0.0),
-        _sees(0.01, 9),
-        *(_sees(80.18, count) for count in (10, 11, 9)),
-        _sees(40.0, 10),
-        _sees(40.0, 9),
-        _sees(-12.0, 10),
-        _sees(None, 10),
-        _sees(None, 9),
-    ]
-    counted += [
-        _stop(1, 10),
-        _sees(0.0, 11),
-        *(_sees(134.0, count) for count in (11, 12, 10)),
-        _sees(100.0, 11),
-        _sees(100.0, 10),
-        _sees(27.0, 11),
-        _sees(100.0, 11, lost=True),
-        _sees(133.9, 11),
-        _stop(2, 11),
-    ]
-    counted += [
-        _sees(160.0, 12, lost=True),
-        _sees(161.0, 12),
-        _stop(3, 12, 500.0, broken="b"),
-        _sees(580.3, 13),
-        _sees(160.0, 13),
-        _sees(580.3, 9),
-        _sees(640.0, 14),
-        _stop(4, 13, None),
-        _sees(None, 14),
-    ]
-    counted += [_stop(6, 15, 660.0, refused="r"), _sees(1.0, 16), _sees(580.3, 16)]
-    yield "walk-by-laser-counted", "walk", {"route": BOX, "last_count": 8, "steps": counted}
-    uncounted = [
-        _sees(None),
-        _sees(5.0),
-        _stop(0, None, 0.0),
-        _sees(0.01),
-        _sees(80.18),
-        _sees(40.0),
-        _sees(-80.0),
-        _sees(120.0),
-        ["goes_on", [40.0, 120.2]],
-        ["goes_on", [0.0, 80.2]],
-        _stop(1),
-        _sees(133.7),
-    ]
-    uncounted += [
-        *map(_sees, (27.0, 107.0, 160.5, 80.1)),
-        _stop(2),
-        ["goes_on", [100.0, 126.73]],
-        ["goes_on", [100.0, 180.0]],
-        _sees(60.0),
-        ["goes_on", [60.0, 86.73]],
-        ["goes_on", [60.0, 140.178]],
-        _sees(200.0),
-    ]
-    uncounted += [
-        _sees(160.4, lost=True),
-        _sees(170.0),
-        _stop(3, None, 170.0),
-        ["begin_anew"],
-        ["begun_anew"],
-        _sees(9.0),
-        _stop(0, None, 9.0),
-        *map(_sees, (89.1, -71.1, -160.0)),
-        _stop(1, None, 89.1),
-    ]
     yield (
-        "walk-by-laser",
-        "walk",
-        {"route": BOX, "last_count": None, "steps": [*uncounted, *map(_sees, (-60.0, 20.0, 80.0))]},
-    )
-    back = [
-        _sees(320.7),
-        _stop(0, None, 320.7),
-        *map(_sees, (294.0, 300.0, 330.0)),
-        _stop(1, None, 294.0),
-        *map(_sees, (240.5, 320.0, 310.0, 214.0)),
-    ]
-    yield (
-        "walk-by-laser-back",
-        "walk",
+        "names-cube-lost",
+        "names",
         {
-            "route": BOX | {"outward": False},
-            "last_count": None,
-            "known": {"0": 320.7, "1": 294.0},
-            "steps": back,
+            "route": cube,
+            "looks": [
+                [None, None, each, *([True] if k == 3 else [])] for k, each in enumerate(steps)
+            ],
         },
     )
-    resumed = [
-        _sees(240.5, 6),
-        _sees(None, 6, lost=True),
-        _sees(240.5, 6, lost=True),
-        _sees(0.0, 6, lost=True),
-        _stop(0, 6, 0.0),
-    ]
+    anew = [[None, None, each] for each in (*steps[:4], *(5.0 + each for each in steps))]
     yield (
-        "walk-resumed",
-        "walk",
+        "names-cube-anew",
+        "names",
         {
-            "route": BOX,
-            "expected": 4,
-            "last_count": 5,
-            "last_mm": 160.4,
-            "known": {"3": 160.4},
-            "steps": resumed,
+            "route": cube,
+            "looks": [[*each, True] if k == 4 else each for k, each in enumerate(anew)],
         },
     )
-    skipped = [
-        ["skip", 0, None],
-        _sees(80.0),
-        _sees(5.0),
-        ["skip", 1, None],
-        _sees(160.4),
-        _sees(133.6),
-        _sees(-3.0),
-        _sees(None, lost=True),
-        _sees(50.0),
-    ]
     yield (
-        "walk-skipped",
-        "walk",
-        {"route": BOX, "last_count": None, "known": {"3": 160.4, "0": 0.0}, "steps": skipped},
-    )
-    for name, readings in (("on", (230.0, 250.0, -60.0)), ("off", (-60.0, 230.0, 173.72))):
-        some = [
-            _stop(0, None, 0.0),
-            ["skip", 1, None],
-            *map(_sees, readings),
-            ["goes_on", [60.0, 180.268]],
-            ["goes_on", [0.0, 53.452]],
-        ]
-        yield f"walk-skipped-{name}", "walk", {"route": BOX, "last_count": None, "steps": some}
-    nowhere_yet: list[Any] = [
-        _stop(0),
-        _stop(1),
-        _stop(2),
-        ["goes_on", [5.0, 18.363]],
-        ["goes_on", [5.0, 125.268]],
-        _sees(230.0),
-    ]
-    for last in (120.268, 53.452, 13.363):
-        nowhere_yet += [["goes_on", [9.0, 9.0 + last]], ["goes_on", [1.0, 9.0, 9.0 + last]]]
-    yield (
-        "walk-goes-on-from-nowhere",
-        "walk",
-        {"route": BOX, "last_count": None, "steps": nowhere_yet},
-    )
-    before = [_sees(138.6, 8), _sees(85.2, 7), _stop(2, 8, 138.6), ["expected_reading_mm", 3]]
-    yield (
-        "walk-begun-before",
-        "walk",
-        {"route": BOX, "believed": [5.0, 85.2], "last_count": 7, "steps": before},
-    )
-    cube = [
-        _stop(0, None, 0.0),
-        _stop(1, None, 57.7),
-        *map(_sees, (115.5, -57.7, 29.0, 0.0)),
-        _stop(2, None, 115.5),
-        *map(_sees, (57.7, 86.0, 144.0)),
-    ]
-    yield (
-        "walk-cube",
-        "walk",
-        {"route": BOX | {"size_mm": [200.0, 200.0, 200.0]}, "last_count": None, "steps": cube},
+        "names-resumed",
+        "names",
+        {"route": BOX, "after": 3, "known": {"3": NOMINAL[3]}, "looks": on[2:]},
     )
 
 
@@ -602,46 +318,9 @@ def _tables() -> Iterator[Case]:
             "counts": [None, *range(10, 25), 1010, 1011],
         }
         yield f"directions-{'both' if back else 'one'}", "directions", told
-    cube = BOX | {"size_mm": [200.0, 200.0, 200.0]}
-    for name, route in (("box", BOX), ("back", BOX | {"outward": False}), ("cube", cube)):
-        levels = [
-            0.0,
-            5.0,
-            57.74,
-            80.18,
-            -57.74,
-            -80.18,
-            -26.7,
-            53.45,
-            106.9,
-            115.47,
-            120.27,
-            133.63,
-            173.72,
-            187.08,
-            214.0,
-            240.5,
-            300.0,
-            307.35,
-            360.8,
-            374.17,
-            400.0,
-        ]
-        sign = -1.0 if name == "back" else 1.0
-        taken = [[], [0], [0, 1], [0, 1, 2], [0, 1, 3], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5, 6]]
-        yield (
-            f"located-{name}",
-            "located",
-            {
-                "route": route,
-                "taken": taken,
-                "counts": [None, 0, 1, 2, 3],
-                "readings": [sign * level + 0.001 for level in levels],
-            },
-        )
 
 
 def inputs() -> Iterator[Case]:
     """Yield the name of every case, who plays it, and its input."""
-    for cases in (_routes, _laser_places, _turns, _walks, _finders, _tables):
+    for cases in (_routes, _turns, _names, _finders, _tables):
         yield from cases()

@@ -22,7 +22,7 @@ from stepdiag.daq.capture.cause.likelihood import (
     Move,
 )
 from stepdiag.daq.capture.log_start import PassHint
-from stepdiag.daq.capture.place.route import Route, route_of
+from stepdiag.daq.capture.naming.route import Route, route_of
 from stepdiag.daq.survey.models import Survey
 
 FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 2.0, 0.5)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message
-from stepdiag.daq.capture.place.route import Route, agrees
+from stepdiag.daq.capture.naming.route import Route, agrees
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals

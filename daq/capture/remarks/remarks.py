@@ -14,8 +14,8 @@ from stepdiag.base.findings import Finding, Severity, finding
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.conditions import COURSES, Credible, Judged
+from stepdiag.daq.capture.naming.walk import Walk
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.records.events import Link, ModbusBlock, Stream
 from stepdiag.daq.timing.samples import Notice

@@ -9,7 +9,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.conditions import CONDITIONS, needed_conditions
-from stepdiag.daq.capture.place.route import agrees, route_of
+from stepdiag.daq.capture.naming.route import agrees, route_of
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 

@@ -321,3 +321,56 @@ def test_the_marker_of_a_qudis_tells_the_standstills_and_counts_them():
 def test_what_a_silent_machine_cannot_give_is_refused_by_field(change, field):
     with pytest.raises(UsageError, match=field):
         parse_survey(SURVEY.replace(*change), "survey")
+
+
+FAULTS = ["none", "idle", "hold", "missed", "missed second", "short", "slip", "reverses"]
+DRAWS = 10
+
+
+def faulty(kind, true, read, rng):
+    """Return the standstills of a pass with one fault as (true stop, reading, seconds)."""
+    at = int(rng.integers(2, len(read) - 1))
+    stands = [(stop, float(reading), 1.0) for stop, reading in zip(true, read, strict=True)]
+    if kind == "idle":
+        idle = rng.uniform(20, 90, int(rng.integers(1, 4)))
+        return [*((None, float(read[0] - off), 1.0) for off in idle), *stands]
+    if kind == "hold":
+        held = read[at - 1] + rng.uniform(0.2, 0.8) * (read[at] - read[at - 1])
+        return [*stands[:at], (None, float(held), 1.0), *stands[at:]]
+    if kind == "short":
+        return [*stands[:at], (None, float(read[at]), 0.3), *stands[at + 1 :]]
+    if kind == "slip":
+        return [
+            *stands[:at],
+            *((stop, reading + 0.3, seconds) for stop, reading, seconds in stands[at:]),
+        ]
+    missed = {"missed": at, "missed second": 1}.get(kind)
+    return [stand for number, stand in enumerate(stands) if number != missed]
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_drawn_passes_with_one_fault_are_named_right(kind):
+    """Out as a first pass or back on one count, in drawn boxes; machine and mirror are off by 1e-4
+    and 1e-3 of the way."""
+    rng = np.random.default_rng(7)
+    for _ in range(DRAWS):
+        size, n = np.round(rng.uniform((200, 150, 80), (600, 400, 300))), int(rng.integers(2, 5))
+        text = SURVEY.replace("[300.0, 200.0, 100.0]", str(size.tolist()))
+        text = text.replace("increments = 2", f"increments = {n}")
+        nominal = Bench(text).out.nominal_mm
+        steps = np.diff(nominal) * (1 - 1e-3 * rng.uniform())
+        steps *= 1 + 1e-4 * rng.normal(0, 1, len(steps))
+        out = np.concatenate(([0.0], np.cumsum(steps))) + rng.uniform(-500, 500)
+        bench, read = Bench(text), out
+        if back := kind == "reverses" or rng.random() < 0.5:
+            bench = Bench(text, outward=False, known=dict(enumerate(out.tolist())))
+            bench.level, read = float(out[-1]), out[::-1] + rng.normal(0, 0.003, len(out))
+        first = int(kind == "reverses")
+        if back and not first:
+            bench.stand(float(read[0]) + 5.0, 0.15)
+        stands = faulty(kind, range(first, len(read)), read[first:], rng)
+        for _, reading, seconds in stands:
+            bench.stand(reading, seconds)
+        bench.stand(stands[-1][1] - 900.0)
+        route = bench.back if back else bench.out
+        assert bench.named(route) == [stop for stop, *_ in stands if stop is not None]

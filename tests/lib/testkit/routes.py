@@ -2,7 +2,7 @@
 
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import Route, route_of
+from stepdiag.daq.capture.naming.route import Route, route_of
 
 
 def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) -> Route:

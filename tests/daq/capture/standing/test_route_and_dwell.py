@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import judge_step
+from stepdiag.daq.capture.naming.route import judge_step
 from stepdiag.daq.capture.standing.dwell import TRANSITIONS, DwellTracker, State, count_steps
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals

@@ -1,4 +1,4 @@
-"""The rooms of daq/capture/place, played from reference files."""
+"""The room daq/capture/naming, played from reference files."""
 
 from typing import Any
 
@@ -8,8 +8,9 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.place.route import LaserPlaces, Route, agrees, judge_step
-from stepdiag.daq.capture.place.walk import PassFinder, Walk, begun_anew
+from stepdiag.daq.capture.naming.finder import PassFinder
+from stepdiag.daq.capture.naming.route import Route, agrees, judge_step
+from stepdiag.daq.capture.naming.walk import Chain, Look, Path, Walk
 from stepdiag.daq.capture.standing.certain_window import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.stop_capture import PositionCheck
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
@@ -55,13 +56,6 @@ def routes(told: dict[str, Any]) -> Any:
         for pair in pairs[: told.get("pairs", 5)]
         for number, share in enumerate(told["shares"])
     ]
-    runs = (
-        route.nominal_mm[:1],
-        route.nominal_mm[:2],
-        route.nominal_mm,
-        [0, *route.nominal_mm],
-        route.nominal_mm[1:3],
-    )
     return {
         "route": list(plain(route).values()),
         "axes": [route.axis_to(stop) for stop in range(len(route))],
@@ -75,7 +69,6 @@ def routes(told: dict[str, Any]) -> Any:
         "steps": steps,
         "kept": [bool(column.flags.writeable) for column in (route.stops_mm, route.nominal_mm)],
         "base": setup_of(told["setup"]).base,
-        "anew": [begun_anew(route, list(readings)) for readings in runs],
     }
 
 
@@ -96,66 +89,29 @@ def agreeing(told: list[list[float]]) -> Any:
     return [agrees(measured, nominal) for measured, nominal in told]
 
 
-def laser_places(told: dict[str, Any]) -> Any:
-    """Play readings into what is known of a route."""
-    places = LaserPlaces(
-        route_of(told["route"]), {int(stop): reading for stop, reading in told["known"].items()}
-    )
-    found = []
-    for act, *rest in told["steps"]:
-        said = (
-            places.take(rest[0], rest[1], anew=rest[2])
-            if act == "take"
-            else getattr(places, act)(*rest)
-        )
-        known = (
-            ""
-            if act == "stop_at"
-            else " ".join(f"{stop}:{reading:.4f}" for stop, reading in places.known.items())
-        )
-        found.append([act, plain(said), known])
-    return found
-
-
-STATE = ("expected", "unsure", "nowhere", "retreated", "apart", "started", "ended")
-
-
-def walk(told: dict[str, Any]) -> Any:
-    """Play stops and standstills into a walk; its state after each, where it is another one."""
-    route = route_of(told["route"])
+def names(told: dict[str, Any]) -> Any:
+    """Return the name of every standstill, its margin, and the names of the earlier standstills if
+    these have changed."""
+    route, found, before = route_of(told["route"]), [], ()
     known = {int(stop): reading for stop, reading in told.get("known", {}).items()}
-    if "believed" in told:
-        follows = Walk.begun_before(route, told["believed"], told["last_count"])
-    else:
-        follows = Walk(
-            route, told.get("expected", 0), told.get("last_count"), told.get("last_mm"), known
+    chain = Chain(
+        (route,), Path(stop=told.get("after", -1), known=known, count=told.get("last_count"))
+    )
+    for stop, count, reading_mm, *lost in told["looks"]:
+        place = told["spots"][stop] if stop is not None and "spots" in told else None
+        path = chain.take(
+            Look(None if place is None else tuple(place), count, reading_mm, bool(lost))
         )
-    found, before = [], {"name": follows.name} | _state(follows)
-    begins = dict(before)
-    for act, *rest in told["steps"]:
-        if act == "advance":
-            said: Any = follows.advance(stop_of(rest[0]))
-        elif act in ("locate", "is_bounce", "counts_on"):
-            said = getattr(follows, act)(signals_of(rest[0]))
-        elif act == "by_laser":
-            said = follows.locate_by_laser(signals_of(rest[0]), rest[1], lost=rest[2])
-        else:
-            said = getattr(follows, act)(*rest)
-        now = _state(follows)
+        margin = f"{min(chain.margin, 99.0):.3f}"
         found.append(
             [
-                act,
-                brief(said),
-                {name: value for name, value in now.items() if value != before[name]},
+                path.name,
+                margin,
+                *([list(path.names)] if path.names[: len(before)] != before else []),
             ]
         )
-        before |= now
-    return {"begins": begins, "steps": found}
-
-
-def _state(follows: Walk) -> dict[str, Any]:
-    known = " ".join(f"{stop}:{reading:.4f}" for stop, reading in follows.laser.known.items())
-    return {name: plain(getattr(follows, name)) for name in STATE} | {"known": known}
+        before = () if lost else path.names
+    return found
 
 
 def finder(told: dict[str, Any]) -> Any:
@@ -187,7 +143,7 @@ def finder(told: dict[str, Any]) -> Any:
                 said += [
                     *state,
                     " ".join(
-                        f"{stop}:{reading:.4f}" for stop, reading in answer.laser.known.items()
+                        f"{stop}:{reading:.4f}" for stop, reading in answer.chain.best.known.items()
                     ),
                 ]
             else:
@@ -216,54 +172,6 @@ def directions(told: dict[str, Any]) -> Any:
                 )
             found[f"{said} at {place}"] = " ".join(row)
     return found
-
-
-def located(told: dict[str, Any]) -> Any:
-    """Return which stop a walk takes each reading for, after some stops: a row for a count and a
-    count that was lost or not."""
-    route, found = route_of(told["route"]), {}
-    for stops in told["taken"]:
-        for count in told["counts"]:
-            for lost in (False, True):
-                row = [
-                    _located(route, stops, reading_mm, count, lost=lost)
-                    for reading_mm in told["readings"]
-                ]
-                found[f"{stops} {count}{' lost' * lost}"] = " ".join(row)
-    return found
-
-
-def _located(
-    route: Route, stops: list[int], reading_mm: float, count: int | None, *, lost: bool
-) -> str:
-    """Return a word for where a walk that came to some stops, counted by ones, sees itself."""
-    follows = Walk(route, 0, 0, None, {})
-    for number, stop in enumerate(stops):
-        reading = float(route.nominal_mm[stop])
-        follows.advance(
-            stop_of(
-                {
-                    "stop": stop,
-                    "reading_mm": reading,
-                    "stop_count": None if count is None else 1 + number,
-                }
-            )
-        )
-    counted = signals_of({} if count is None else {"stop_count": len(stops) + count})
-    index, odd = follows.locate_by_laser(counted, reading_mm, lost=lost)
-    state = (
-        "n" * follows.nowhere
-        + "r" * bool(follows.retreated)
-        + "a" * bool(follows.apart)
-        + "u" * bool(follows.unsure)
-    )
-    return "-".join(
-        [
-            "x" if index is None else str(index),
-            *(each.code[0] + each.code[-1] + str(each.stop) for each in odd),
-            state,
-        ]
-    )
 
 
 def turned(told: dict[str, Any]) -> Any:

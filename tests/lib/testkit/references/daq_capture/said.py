@@ -16,7 +16,7 @@ from stepdiag.daq.capture.conditions import (
     with_air,
 )
 from stepdiag.daq.capture.log_start import start_of
-from stepdiag.daq.capture.place.walk import Walk
+from stepdiag.daq.capture.naming.walk import Walk
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known, unchecked
 from stepdiag.daq.formats.signals import Signals

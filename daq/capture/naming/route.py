@@ -1,0 +1,178 @@
+"""The stops of a pass, the laser's readings between them, and the machine's place by the laser's
+unbroken count.
+
+While the count is unbroken every stop has its reading. The readings separate a repeated pass from a
+continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.messages import Message, message
+from stepdiag.base.names import AXES
+from stepdiag.base.readings.runs import Plan, run_stops_mm
+from stepdiag.base.setups import Setup, setup_of
+from stepdiag.daq.capture.standing.dwell import STILL_MM
+
+STEP_TOLERANCE = 0.02
+"""A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned
+mirror, a tenth of a wrong step."""
+LEAST_BESIDE_MM, BESIDE_MM = 0.1, 0.25
+"""A program of two decimals with G91 adds up 5 um an increment: 0.2 mm over forty. A tenth of a
+step leaves no doubt which stop it is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Route:
+    """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at
+    each, relative to the first, shape (k,)."""
+
+    setup: str
+    outward: bool
+    stops_mm: NDArray[np.float64]
+    nominal_mm: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.nominal_mm)
+
+    @property
+    def travel(self) -> Setup:
+        """Return the setup as a value."""
+        return setup_of(self.setup)
+
+    def axis_to(self, stop: int) -> str:
+        """Return the axis that moves to a stop: x, y, z; empty for the first."""
+        if stop == 0:
+            return ""
+        return AXES[int(np.argmax(np.abs(self.stops_mm[stop] - self.stops_mm[stop - 1])))]
+
+    def planned_mm(self, stop: int) -> tuple[float, float, float]:
+        """Return the planned position of a stop."""
+        x_mm, y_mm, z_mm = self.stops_mm[stop].tolist()
+        return x_mm, y_mm, z_mm
+
+    def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
+        """Return the nominal reading at any position, relative to that of the first planned
+        stop."""
+        travel = self.stops_mm[-1] - self.stops_mm[0]
+        along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm.sum())
+        return float((np.asarray(position_mm) - self.stops_mm[0]) @ along)
+
+    def step_mm(self, from_stop: int, to_stop: int) -> float:
+        """Return the nominal change of the reading between two stops."""
+        return float(self.nominal_mm[to_stop] - self.nominal_mm[from_stop])
+
+    def backward_mm(self, from_stop: int, to_stop: int) -> float:
+        """Return the nominal change of the reading where the pass is driven from its other end."""
+        return self.step_mm(len(self) - 1 - from_stop, len(self) - 1 - to_stop)
+
+    def find(self, position_mm: tuple[float, float, float], expected: int) -> int | None:
+        """Return the stop at a commanded or actual position, the one nearest to the expected stop;
+        None where no stop is there."""
+        places = np.flatnonzero(self.beside(position_mm))
+        return int(places[np.argmin(np.abs(places - expected))]) if len(places) else None
+
+    def beside(self, position_mm: tuple[float, float, float]) -> NDArray[np.bool_]:
+        """Return at which stops a position is, shape (k,)."""
+        off = np.max(np.abs(self.stops_mm - np.asarray(position_mm)), axis=1)
+        there: NDArray[np.bool_] = off <= self._beside_mm()
+        return there
+
+    def _beside_mm(self) -> float:
+        """Return how far beside the plan a stop may be: by `BESIDE_MM`, less where steps are
+        short."""
+        steps_mm = np.max(np.abs(np.diff(self.stops_mm, axis=0)), axis=1)
+        return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), LEAST_BESIDE_MM, BESIDE_MM))
+
+
+@lru_cache(maxsize=256)
+def route_of(plan: Plan, setup: str, number: int) -> Route:
+    """Return the route of a pass of a setup of a plan, not to be written to. The return pass visits
+    the stops of the outward one in reverse.
+
+    Kept, because page and status ask for the routes of all setups ten times a second.
+    """
+    run = plan.run_of(setup)
+    stops = run_stops_mm(plan, run, number)
+    travel = np.array(run.travel.signs) * np.array(plan.volume.size_mm)
+    nominal = (stops - stops[0]) @ (travel / np.linalg.norm(travel))
+    for column in (stops, nominal):
+        column.setflags(write=False)
+    return Route(setup=setup, outward=number % 2 == 1, stops_mm=stops, nominal_mm=nominal)
+
+
+def agrees(measured_mm: float, nominal_mm: float) -> bool:
+    """Return whether a measured step is the nominal one, mirror tilt and machine errors allowed
+    for."""
+    return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
+
+
+def judge_step(
+    route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float
+) -> Message | None:
+    """Return what is wrong with a measured step; None where it agrees.
+
+    ``absolute_mm`` is the reading itself: a laser that was zeroed reads next to nothing.
+    """
+    nominal = route.step_mm(from_stop, to_stop)
+    if agrees(measured_mm, nominal):
+        return None
+    if backwards := _backwards(route, from_stop, to_stop, measured_mm):
+        return backwards
+    if agrees(measured_mm, 0.0):
+        return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
+    if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
+        return message(
+            "stop-missing.sequence",
+            moved_mm=measured_mm,
+            wanted_mm=nominal,
+            after_mm=route.step_mm(from_stop, to_stop + 1),
+        )
+    if other := _other_axis(route, to_stop, measured_mm):
+        axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
+        return message("wrong-axis-order", moved_mm=measured_mm, wanted_mm=nominal, **axes)
+    if abs(absolute_mm) <= STILL_MM:
+        return message("laser-reset", moved_mm=measured_mm, wanted_mm=nominal)
+    return message("step-mismatch", moved_mm=measured_mm, wanted_mm=nominal)
+
+
+def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> Message | None:
+    """Return what is wrong with a step of the right size the wrong way; None where it is none."""
+    nominal = route.step_mm(from_stop, to_stop)
+    turned, from_the_end = (
+        agrees(measured_mm, -route.step_mm(from_stop, to_stop)),
+        agrees(measured_mm, route.backward_mm(from_stop, to_stop)),
+    )
+    if turned:
+        if from_the_end:
+            return message(
+                "wrong-laser-sign.or-end",
+                moved_mm=measured_mm,
+                wanted_mm=nominal,
+                start=_place(route),
+            )
+        return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
+    if from_the_end:
+        return message(
+            "wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route)
+        )
+    return None
+
+
+def _place(route: Route) -> str:
+    return ", ".join(f"{value:g}" for value in route.stops_mm[0])
+
+
+def _other_axis(route: Route, to_stop: int, measured_mm: float) -> str:
+    """Return the axis of a neighbouring step that agrees with the measured step; empty without such
+    an axis.
+    """
+    own = route.axis_to(to_stop)
+    for stop in range(max(1, to_stop - 2), min(len(route), to_stop + 3)):
+        axis = route.axis_to(stop)
+        if axis != own and agrees(measured_mm, route.step_mm(stop - 1, stop)):
+            return axis
+    return ""
