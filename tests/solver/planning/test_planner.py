@@ -439,4 +439,5 @@ def test_in_a_count_of_three_readings_the_first_step_already_is_seen_by_nothing(
         ),
         USUAL,
     ).ahead.unseen
-    assert (unseen.place, unseen.half_um, unseen.volume_um) == ("face-xy-pp/1/1", None, None)
+    slip = (unseen.setup, unseen.pass_number, unseen.stop, unseen.half_um, unseen.volume_um)
+    assert slip == ("face-xy-pp", 1, 1, None, None)
