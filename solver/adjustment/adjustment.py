@@ -342,8 +342,16 @@ class _Task:
     def _with_right_names(self, current: MixedFit) -> MixedFit:
         """Return the fit with the readings of two setups exchanged, and named, if their names agree
         with all other readings only so.
+
+        The readings alone are asked: a head whose signs are wrong agrees with exchanged names.
         """
-        found = exchange(_as_usual(current, self.effects, self.sizes), self.layout)
+        usual = _as_usual(current, self.effects, self.sizes)
+        if heads := sum(len(one.position_mm) for one in self.straightness):
+            weight = self._weight()
+            weight[len(self.layout) : len(self.layout) + heads] = 0.0
+            alone = fit(self.rows, self.design.blocks, self.target, weight)
+            usual = MixedFit(alone, Causes.of(alone, usual.causes.pattern), usual.size)
+        found = exchange(usual, self.layout)
         if found is None:
             return current
         (first, second), change = found
