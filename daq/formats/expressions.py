@@ -37,7 +37,7 @@ DEEPEST = 20
 """Levels of brackets and of not."""
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+(?:\.\d+)?(?!\w))|(?P<name>[A-Za-z_]\w*)"
-    r"|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)|(?P<odd>\S)|$)",
+    r"|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)|(?P<odd>\S)|\Z)",
     re.ASCII,
 )
 _COMPARISONS: Mapping[type[ast.cmpop], Callable[[float, float], bool]] = {
@@ -168,7 +168,7 @@ class _Text:
         """Return the refusal of a token that may not stand there."""
         before = self._text[:at].rstrip()
         ended = before.endswith(")") or (
-            before[-1:].isalnum() and not re.search(r"\b(and|or|not)$", before)
+            before[-1:].isalnum() and not re.search(r"\b(and|or|not)\Z", before)
         )
         return self._refusal(message("expression-goes-on" if ended else "expression-begins"), at)
 

@@ -33,9 +33,10 @@ def spoiled(readings: Readings, row: int, error_um: float) -> Readings:
 
 
 def name_of(readings: Readings, row: int) -> str:
-    return (
-        f"setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]} "
-    )
+    """Return the place of a stop as a message names it."""
+    number = int(readings.pass_number[row])
+    way = "out" if number % 2 else "back"
+    return f"({readings.setup[row]}), pass {number} {way}, stop {readings.stop[row] + 1} "
 
 
 def moved(before, after) -> tuple[float, float]:

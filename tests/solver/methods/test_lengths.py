@@ -102,7 +102,7 @@ def test_readings_at_both_temperatures_are_never_mixed():
     mixed.at_20_c[7] = False
     with pytest.raises(
         DataError,
-        match=r"mine\.csv: .*\(\w+\), pass 1 out, stop \d+: expected at_20_c = 1 as at "
+        match=r"mine\.csv: setup \w+, pass 1, stop \d+: expected at_20_c = 1 as at "
         r"other readings",
     ):
         solve(mixed, source="mine.csv")
