@@ -8,9 +8,9 @@ from testkit.exact.hasty import NEEDED, lived, stories
 
 def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
     """Old tables, half switched, loaded twice or half, edited, of another machine, listed wrongly;
-    right ones go through."""
+    right ones go through. Every third sequence; `benchmarks.hasty` goes through all."""
     quiet, stopped, refused = [], Counter(), []
-    for number, story in enumerate(stories()):
+    for number, story in list(enumerate(stories()))[::3]:
         why, before, after = lived(story, number, tmp_path / f"{number}")
         stopped[why] += 1
         if not why and after > 1.02 * before + 0.3:
@@ -19,5 +19,5 @@ def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
             refused.append(f"{story}: {why}")
     assert quiet == []
     assert refused == []
-    assert sum(stopped.values()) >= 95
-    assert min(stopped["read back"], stopped["loading"]) >= 5
+    assert sum(stopped.values()) >= 32
+    assert min(stopped["read back"], stopped["loading"]) >= 2
