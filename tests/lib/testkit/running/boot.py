@@ -180,6 +180,7 @@ def booted(root, name, *binds):
         except BaseException:
             for pid in (*_descendants(container.pid), container.pid):
                 as_root("kill", f"-{signal.SIGKILL}", pid, check=False)
+            container.wait(timeout=60)
             raise
         try:
             yield system
