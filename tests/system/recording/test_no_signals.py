@@ -40,7 +40,7 @@ def begin_and_start(place, setups):
         while place.bench.next(300.0, "bench")["event"] not in ("waiting", "finished"):
             pass
         if setup:
-            until_told(place, f"a person to begin {setup}")
+            until_told(place, f"({setup}) on the page")
             code, _, said = stepdiag("begin", place.survey, setup)
             assert code == 0, said
             place.bench.say("start")
@@ -130,7 +130,7 @@ def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
             os.kill(process.process.pid, signal.SIGKILL)
             process.process.wait()
         with daemon(place.survey, wait_for=("laser",)):
-            until_told(place, "a person to begin ppp")
+            until_told(place, "(ppp) on the page")
         nothing_silently_wrong(place)
 
 

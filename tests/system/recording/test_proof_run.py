@@ -48,7 +48,7 @@ EXPORT = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
 
 def test_a_proof_run_keeps_right_tables_and_restores_turned_ones(tmp_path):
     """The plan names diagonal, line, programs and what they will see; the run ends in status,
-    result and verdict, and with an exit code. An undecided run names the setup that decides."""
+    result and verdict, and with an exit code."""
     (tmp_path / "siemens.toml").write_text(PROFILE, encoding="utf-8")
     with (
         hall(
@@ -81,61 +81,6 @@ def test_a_proof_run_keeps_right_tables_and_restores_turned_ones(tmp_path):
             ['kind = "eec"', 'kind = "cec"'] if sign == 1 else []
         )
 
-    further(tmp_path, files)
-
-
-def further(folder: Path, files: list[Path]) -> None:
-    """Drive a diagonal alone, which leaves tables open: the command names setups, the file gets
-    them, the daemon goes on, and the verdict is keep."""
-    setups: tuple[str, ...] = ("ppp",)
-    survey, missing = folder / "survey-proof.toml", setups
-    for _ in range(4):
-        with hall(
-            folder,
-            setups=missing,
-            n=6,
-            back=True,
-            size=SIZE,
-            bench=MACHINE + acting(files),
-            exports=EXPORT,
-        ) as place:
-            if setups == missing:
-                planned = stepdiag(
-                    "proof", place.survey, "--controller", "siemens", "--minutes", "0.01"
-                )
-                assert planned.code == 0, planned.refusal
-            wired = place.survey.read_text(encoding="utf-8")
-            text = survey.read_text(encoding="utf-8")
-            for line in (r'(?m)^port = ".*"', r"(?m)^port = \d+$"):
-                found = re.search(line, wired)
-                assert found is not None
-                text = re.sub(line, found.group(), text, count=1)
-            text = re.sub(r"(?m)^setups = .*", f"setups = {json.dumps(setups)}", text)
-            survey.write_text(text, encoding="utf-8")
-            with daemon(survey) as process:
-                place.start_setups()
-                assert until(process, "survey-complete")[-1]["exit_code"] == 0
-        shown = stepdiag("proof", survey, "--json")
-        verdict = json.loads(shown.out)
-        if verdict["action"] != "undecided":
-            break
-        assert shown.code == 3
-        missing = tuple(verdict["further"])
-        assert missing
-        assert not set(missing) & set(setups)
-        assert missing[0] in stepdiag("proof", survey).out
-        setups = (*setups, *missing)
-    assert len(setups) > 1
-    assert (verdict["action"], shown.code) == ("keep", 0), verdict
-
-
-def acting(files: list[Path]) -> str:
-    """Return the lines of a bench whose control holds files."""
-    return (
-        '[[compensation]]\ncontrol = "siemens"\nfiles = '
-        f"{json.dumps([str(path) for path in files])}\n"
-    )
-
 
 def loaded(folder: Path, path: Path, sign: int) -> Path:
     """Write a file as the control holds it, its values times a sign."""
@@ -153,13 +98,17 @@ def loaded(folder: Path, path: Path, sign: int) -> Path:
 def proved(folder: Path, files: list[Path], name: str) -> dict:
     """Drive a proof run with files in the control; return the verdict that the command prints,
     after status and result hold the same."""
+    active = (
+        '[[compensation]]\ncontrol = "siemens"\nfiles = '
+        f"{json.dumps([str(path) for path in files])}\n"
+    )
     with hall(
         folder,
         setups=("ppp", "linear-x"),
         n=6,
         back=True,
         size=SIZE,
-        bench=MACHINE + acting(files),
+        bench=MACHINE + active,
         exports=EXPORT,
     ) as place:
         export = folder / "hall" / "0001" / "exports" / "siemens"
