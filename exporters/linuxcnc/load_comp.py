@@ -25,7 +25,7 @@ Settings = dict[tuple[str, str], str]
 
 def rows(path: Path) -> Rows:
     """Return the rows of a COMP_FILE as the control reads them: the first line without three
-    numbers ends the file. None where there is no file."""
+    numbers ends the file. No rows where there is no file."""
     found: Rows = []
     if path.is_file():
         for line in path.read_text(encoding="ascii", errors="replace").splitlines():
