@@ -347,10 +347,9 @@ class _Task:
         """
         usual = _as_usual(current, self.effects, self.sizes)
         if heads := sum(len(one.position_mm) for one in self.straightness):
-            weight = self._weight()
-            weight[len(self.layout) : len(self.layout) + heads] = 0.0
-            alone = fit(self.rows, self.design.blocks, self.target, weight)
-            usual = MixedFit(alone, Causes.of(alone, usual.causes.pattern), usual.size)
+            kept = np.ones(len(self.rows), dtype=np.bool_)
+            kept[len(self.layout) : len(self.layout) + heads] = False
+            usual = usual.of_rows(kept)
         found = exchange(usual, self.layout)
         if found is None:
             return current

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.volume import Vector
-from stepdiag.solver.linear.fit import Fit, refit
+from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 
@@ -167,6 +167,12 @@ class MixedFit:
         fixed = refit(self.rows, target, self.weight, self.inverse)
         shown = self.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual)
         return MixedFit(fixed, replace(self.causes, shown=shown), self.size)
+
+    def of_rows(self, kept: NDArray[np.bool_]) -> "MixedFit":
+        """Return the fit of some rows alone, ``kept`` (m,), with the same sizes."""
+        weight = np.where(kept, self.weight, 0.0)
+        fixed = fit(self.rows, self.fixed.packed.blocks, self.fixed.target, weight)
+        return MixedFit(fixed, Causes.of(fixed, self.causes.pattern), self.size)
 
     @property
     def freedom(self) -> int:

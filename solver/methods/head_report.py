@@ -21,8 +21,7 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import family_of, size_by_all
-from stepdiag.solver.linear.fit import fit, refit
-from stepdiag.solver.linear.mixed import Causes, MixedFit
+from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.between import BETWEEN, USUAL_UM
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
@@ -164,7 +163,7 @@ def head_report(
     checked = _checked(found, sizes, rows)
     return {
         name: _of_function(
-            [one for one in measured if one.name == name], mine, checked.alone[name], found, checked
+            [one for one in measured if one.name == name], mine, checked.alone[name], checked
         )
         for name, mine in rows.items()
     }
@@ -198,7 +197,7 @@ def _checked(
     beside = bool(np.any(found.fit.causes.pattern[len(found.layout) :, between]))
     of_turning = {name: size for name, size in sizes.items() if name != BETWEEN}
     usual = _of_sizes(found, {**of_turning, BETWEEN: 1.0} if beside else of_turning)
-    alone = {name: _with(usual, found, mine) for name, mine in functions.items()}
+    alone = {name: usual.of_rows(mine) for name, mine in functions.items()}
     if not beside:
         return _Checked(usual, alone, np.ones(len(between)))
     size = max(
@@ -270,17 +269,7 @@ def _sign_hidden(
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
     """Return a fit with the values of some rows of the other sign."""
-    before = whole.fixed
-    sign = np.where(rows, -1.0, 1.0)
-    turned = refit(before.rows, sign * before.target, before.weight, before.inverse)
-    return MixedFit(turned, Causes.of(turned, whole.causes.pattern), whole.size)
-
-
-def _with(whole: MixedFit, found: Adjustment, kept: NDArray[np.bool_]) -> MixedFit:
-    """Return a fit with some of its rows alone."""
-    before = whole.fixed
-    some = fit(before.rows, found.design.blocks, before.target, np.where(kept, before.weight, 0.0))
-    return MixedFit(some, Causes.of(some, whole.causes.pattern), whole.size)
+    return whole.for_target(np.where(rows, -1.0, 1.0) * whole.fixed.target)
 
 
 def _rows(
@@ -297,13 +286,12 @@ def _of_function(
     passes: Sequence[MeasuredStraightness],
     rows: NDArray[np.bool_],
     alone: MixedFit,
-    found: Adjustment,
     checked: _Checked,
 ) -> HeadStraightness:
     position = np.concatenate([one.position_mm for one in passes])
     value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one in passes])
     at, mean = _mean(position, value)
-    others = _with(checked.fit, found, ~rows)
+    others = checked.fit.of_rows(~rows)
     return HeadStraightness(
         passes=len(passes),
         end_point_um=straightness_um(at, mean, "end-point"),

@@ -41,13 +41,13 @@ def report_from(of: ReportFiles) -> Report:
     Files of a folder are one export. Raises a StepdiagError if a file is unreadable or belongs to
     another result.
     """
-    found = _result(of.result)
+    found = result_in(of.result)
     exported = [exported_in(found, each, of.profile) for each in _exports(of.files)]
     return build_report(
         found,
         source=of.result.name,
         exported=exported,
-        left=None if of.left is None else _as_left(found, exported, _result(of.left)),
+        left=None if of.left is None else _as_left(found, exported, result_in(of.left)),
         letterhead=None if of.letterhead is None else read_letterhead(of.letterhead),
         readings=None
         if of.readings is None
@@ -56,10 +56,6 @@ def report_from(of: ReportFiles) -> Report:
         sha256=sha256_of(of.result),
         language=of.language,
     )
-
-
-def _result(path: Path) -> Result:
-    return result_in(path)
 
 
 def _exports(paths: Sequence[Path]) -> list[list[Path]]:
