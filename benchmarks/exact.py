@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import Alignment, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.error_functions import (
     AXES,
     DISPLACEMENTS,
@@ -26,6 +26,7 @@ from stepdiag.virtual.physics.error_functions import (
     smooth,
 )
 from stepdiag.virtual.physics.machine import Machine
+from testkit.ordinary.measured import simulate_pass
 
 Array = NDArray[np.float64]
 WAVES = 5

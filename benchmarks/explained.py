@@ -22,15 +22,15 @@ from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.solve import solve
-from stepdiag.virtual.drive.arrivals import Scatter, arrivals
 from stepdiag.virtual.drive.sequence import DrivenPass
-from stepdiag.virtual.drive.shop import mean_machine
 from stepdiag.virtual.physics.environment import Environment
 from stepdiag.virtual.physics.error_functions import Amplitudes, ErrorSet, Waved, random_errors
 from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.kinematics import Pose
 from stepdiag.virtual.physics.machine import Machine, Setup
 from stepdiag.virtual.physics.optics import Beam, CornerCube, PlaneMirror, perpendiculars, tilted
+from testkit.ordinary.arrivals import Scatter, arrivals
+from testkit.ordinary.shop import mean_machine
 
 Array = NDArray[np.float64]
 SIZE_MM = (500.0, 400.0, 300.0)

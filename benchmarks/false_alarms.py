@@ -6,8 +6,8 @@ any survey:
 
 - ``stated``: machines drawn from the solver's own assumed sizes
   (`stepdiag.base.conditions.assumptions.Assumptions`);
-- ``ordinary``: machines and shops of `stepdiag.virtual.physics.ordinary` and
-  `stepdiag.virtual.drive.shop`, solved with the default assumptions: the user states nothing but
+- ``ordinary``: machines and shops of `testkit.ordinary.machines` and
+  `testkit.ordinary.shop`, solved with the default assumptions: the user states nothing but
   the sensor noise of each reading.
 
 ``drawn_survey(seed, kind)`` returns a survey with its truth, ``judge_survey(seed, kind)`` what the
@@ -44,9 +44,7 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import run_checks
 from stepdiag.exporters.safety.verify import predict, worse_findings
 from stepdiag.solver.methods.solve import solve
-from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.shop import Beam, DrivenSurvey, Shop, draw_shop, drive_survey
 from stepdiag.virtual.physics.error_functions import (
     AXES,
     Amplitudes,
@@ -56,7 +54,9 @@ from stepdiag.virtual.physics.error_functions import (
     random_errors,
 )
 from stepdiag.virtual.physics.machine import Machine
-from stepdiag.virtual.physics.ordinary import CHAINS, OrdinaryMachine, draw_machine
+from testkit.ordinary.arrivals import Scatter
+from testkit.ordinary.machines import CHAINS, OrdinaryMachine, draw_machine
+from testkit.ordinary.shop import Beam, DrivenSurvey, Shop, draw_shop, drive_survey
 
 Kind = Literal["ordinary", "stated"]
 KINDS: tuple[Kind, ...] = ("stated", "ordinary")

@@ -29,9 +29,8 @@ from stepdiag.virtual.instruments.head import (
     HeadStand,
     VirtualHead,
     Wander,
-    stage_pose,
 )
-from stepdiag.virtual.instruments.ordinary_head import Imperfections, ordinary_head
+from testkit.ordinary.heads import Imperfections, ordinary_head, stage_pose
 
 Array = NDArray[np.float64]
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
@@ -154,7 +153,8 @@ class Rig:
 
     def optics(self) -> HeadOptics:
         """Return the head's optics."""
-        return ordinary_head(self.seed, self.case.size)
+        optics: HeadOptics = ordinary_head(self.seed, self.case.size)
+        return optics
 
     def head(self) -> VirtualHead:
         """Return the head, aligned at the near end."""

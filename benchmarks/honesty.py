@@ -34,9 +34,8 @@ from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.solve import solve
-from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.environment import Course, Environment
 from stepdiag.virtual.physics.error_functions import (
     Amplitudes,
@@ -45,12 +44,14 @@ from stepdiag.virtual.physics.error_functions import (
     random_errors,
 )
 from stepdiag.virtual.physics.machine import Machine
+from testkit.ordinary.arrivals import Scatter
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
 BOX = Box(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 NOISE_UM = {"linear": 0.2, "diagonal": 0.3}
 REPEATABILITY_UM = 0.5
-"""Of each move of an axis, along it: an ordinary machine (`stepdiag.virtual.physics.ordinary`)."""
+"""Of each move of an axis, along it: an ordinary machine (`testkit.ordinary.machines`)."""
 TILT_MRAD = 0.5
 
 

@@ -29,9 +29,10 @@ from stepdiag.exporters.proof.judge import Proof, prove
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.methods.solve import solve
 from stepdiag.virtual.control.siemens import load_siemens
-from stepdiag.virtual.drive.arrivals import Scatter
-from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.machine import Machine
+from testkit.ordinary.arrivals import Scatter
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 CASE = Case(name="proof", angle_urad=10.0, passes=(1, 2))
 MACHINES, FIRST_SEED = 60, 7000

@@ -38,8 +38,7 @@ pause_s = 1.0
 patient = true
 decimals = 3
 
-# an ordinary machine of stepdiag/virtual/physics/ordinary.py, with scales: each axis comes back
-# to 0.5 um (standard deviation), and the
+# an ordinary machine with scales: each axis comes back to 0.5 um (standard deviation), and the
 # control shows the actual positions of its encoders
 [machine]
 positioning_um = 6.0

@@ -21,10 +21,10 @@ from stepdiag.virtual.bench.building import (
     setup_builder,
 )
 from stepdiag.virtual.bench.config import BenchConfig, HeadPart
-from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Player, Segment
 from stepdiag.virtual.drive.program import again as one_more
 from stepdiag.virtual.drive.program import steps
+from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.instruments.angular import AngleView, Autocollimator, Level
 from stepdiag.virtual.instruments.interferometers import Climate
 from stepdiag.virtual.instruments.lasers import Flags

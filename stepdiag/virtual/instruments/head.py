@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.virtual.physics.error_functions import Array
-from stepdiag.virtual.physics.kinematics import Pose, rotation_matrix
+from stepdiag.virtual.physics.kinematics import Pose
 
 Counts = NDArray[np.int64]
 Pair = tuple[float, float]
@@ -285,14 +285,3 @@ def quadrant_response(shift_mm: Array, radius_mm: Array) -> Array:
     / radius), shape like ``shift_mm``."""
     response: Array = _erf(math.sqrt(2.0) * shift_mm / radius_mm)
     return response
-
-
-def stage_pose(distance_mm: float, shift_mm: Array, turn_urad: Array, stand: HeadStand) -> Pose:
-    """Return poses of a calibration stage on the beam: shifted (N, 2) and turned (N, 2) laterally,
-    as a reference stage does it.
-
-    A turn of ``(p, q)`` tips the mirror so that its reflection goes right by 2p and up by 2q.
-    """
-    places = stand.source_mm + distance_mm * stand.beam + stand.across(shift_mm)
-    turn = stand.across(np.stack([turn_urad[:, 1], -turn_urad[:, 0]], axis=1)) * 1e-6
-    return Pose(places, rotation_matrix(turn))

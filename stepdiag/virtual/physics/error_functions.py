@@ -70,22 +70,6 @@ class Waved:
         return value
 
 
-@dataclass(frozen=True, slots=True)
-class Sloped:
-    """A function with a straight line added that is ``at_low`` at ``low_mm`` and rises by
-    ``slope_per_mm``."""
-
-    base: ErrorFunction
-    low_mm: float
-    slope_per_mm: float
-    at_low: float = 0.0
-
-    def __call__(self, position_mm: Array) -> Array:
-        travelled = np.asarray(position_mm, dtype=np.float64) - self.low_mm
-        value: Array = self.base(position_mm) + self.at_low + self.slope_per_mm * travelled
-        return value
-
-
 def zero(position_mm: Array) -> Array:
     """Return no error, shape like ``position_mm``."""
     return np.zeros_like(position_mm, dtype=np.float64)

@@ -9,8 +9,8 @@ import numpy as np
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
-from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Drive, Player, Segment
+from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.drive.sequence import register_of
 from stepdiag.virtual.physics.environment import Environment
 from stepdiag.virtual.physics.error_functions import Array

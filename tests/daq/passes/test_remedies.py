@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import Alignment, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from testkit.exact.driven import BOX_MM, Fault, Program, machine_of, recorded, survey_file
 from testkit.fault_cases import COUNTED, STOPPED
+from testkit.ordinary.measured import simulate_pass
 
 LAST = 6
 FAULTS = [

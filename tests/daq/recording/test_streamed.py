@@ -12,9 +12,9 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.readings.readings import parse_readings
 from stepdiag.daq.recording.series import Series, parse_csv_series, parse_rtx
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import simulate_pass
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
+from testkit.ordinary.measured import simulate_pass
 
 SIZE_MM, N, DWELL_S, RATE_HZ = (300.0, 200.0, 100.0), 3, 1.5, 200.0
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")

@@ -13,11 +13,12 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.recording.sinks import Nowhere
 from stepdiag.solver.methods.solve import solve
-from stepdiag.virtual.drive.setups import aligned_setup, simulate_pass
+from stepdiag.virtual.drive.setups import aligned_setup
 from stepdiag.virtual.physics.error_functions import Table
 from stepdiag.virtual.physics.machine import Machine
 from testkit.exact.driven import Fault, Program, machine_of, recorded, survey_file
 from testkit.fault_cases import COUNTED, STOPPED
+from testkit.ordinary.measured import simulate_pass
 from testkit.timeline import SETUPS as NUMBERS
 
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")

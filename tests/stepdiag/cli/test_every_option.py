@@ -36,7 +36,6 @@ from stepdiag.virtual.instruments.head import (
     HeadStand,
     VirtualHead,
     Wander,
-    stage_pose,
 )
 from testkit.cli import Told, stepdiag
 from testkit.elsewhere import contents, put_back
@@ -44,6 +43,7 @@ from testkit.exact.heads import write_head_file
 from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.fleets import finished_survey, write_history
+from testkit.ordinary.heads import stage_pose
 
 Outcome = tuple[Told, dict[Path, bytes]]
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"

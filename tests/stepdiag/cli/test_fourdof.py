@@ -18,9 +18,9 @@ from stepdiag.virtual.instruments.head import (
     HeadStand,
     VirtualHead,
     Wander,
-    stage_pose,
 )
 from testkit.exact.heads import survey_section, write_head_file
+from testkit.ordinary.heads import stage_pose
 from testkit.timeline import survey_text
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])

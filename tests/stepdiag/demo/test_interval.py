@@ -12,8 +12,9 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.virtual.bench.building import build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
-from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter
-from stepdiag.virtual.drive.setups import Conditions, simulate_pass
+from stepdiag.virtual.drive.registers import PositionRegisters
+from testkit.ordinary.arrivals import Scatter
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 
 def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):

@@ -18,14 +18,8 @@ from stepdiag.daq.survey.models import HeadRun
 from stepdiag.fourdof.calibrated import calibrated
 from stepdiag.fourdof.commission import Standing, commission
 from stepdiag.solver.fourdof.head import motion
-from stepdiag.virtual.instruments.head import (
-    Disturbance,
-    HeadStand,
-    VirtualHead,
-    Wander,
-    stage_pose,
-)
-from stepdiag.virtual.instruments.ordinary_head import ordinary_head
+from stepdiag.virtual.instruments.head import Disturbance, HeadStand, VirtualHead, Wander
+from testkit.ordinary.heads import ordinary_head, stage_pose
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))

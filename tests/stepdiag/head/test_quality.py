@@ -28,9 +28,9 @@ from stepdiag.virtual.instruments.head import (
     SpotDetector,
     VirtualHead,
     Wander,
-    stage_pose,
 )
 from testkit.exact.heads import head_file
+from testkit.ordinary.heads import stage_pose
 
 BENCH = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))

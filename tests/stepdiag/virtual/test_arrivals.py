@@ -6,17 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.virtual.drive.arrivals import (
-    PositionRegisters,
-    Scatter,
-    Standing,
-    arrivals,
-    standing_at_end,
-)
+from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.drive.sequence import Box, driven_pass
-from stepdiag.virtual.drive.setups import Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import ErrorSet
 from stepdiag.virtual.physics.machine import Machine
+from testkit.ordinary.arrivals import Scatter, Standing, arrivals, standing_at_end
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 BOX = Box(size_mm=(300.0, 200.0, 100.0), increments=4)
 PERFECT = Machine(errors=ErrorSet(low_mm=BOX.origin_mm, size_mm=BOX.size_mm))

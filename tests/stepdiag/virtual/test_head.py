@@ -20,10 +20,10 @@ from stepdiag.virtual.instruments.head import (
     VirtualHead,
     Wander,
     quadrant_response,
-    stage_pose,
 )
 from stepdiag.virtual.instruments.head_wire import FourdofHead, QuadrantDetector, frame_checksum
 from stepdiag.virtual.physics.kinematics import Pose, rotation_matrix
+from testkit.ordinary.heads import stage_pose
 
 BENCH = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 """A head at the origin that looks along Z, right is X, up is Y."""

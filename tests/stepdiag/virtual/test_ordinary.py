@@ -8,17 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter
+from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.shop import (
-    NOISE_UM,
-    RUNS,
-    Beam,
-    Shop,
-    draw_shop,
-    drive_survey,
-    mean_machine,
-)
 from stepdiag.virtual.physics.environment import Course, Environment
 from stepdiag.virtual.physics.error_functions import (
     AXES,
@@ -30,7 +21,8 @@ from stepdiag.virtual.physics.error_functions import (
 )
 from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.machine import Machine
-from stepdiag.virtual.physics.ordinary import (
+from testkit.ordinary.arrivals import Scatter
+from testkit.ordinary.machines import (
     CHAINS,
     FIGURES,
     LARGEST_ANGLE_URAD,
@@ -40,6 +32,7 @@ from stepdiag.virtual.physics.ordinary import (
     SHARES,
     draw_machine,
 )
+from testkit.ordinary.shop import NOISE_UM, RUNS, Beam, Shop, draw_shop, drive_survey, mean_machine
 
 SIZE_MM = (300.0, 200.0, 100.0)
 BOX = Box(size_mm=SIZE_MM, increments=3)

@@ -14,7 +14,7 @@ from stepdiag.virtual.drive.sequence import (
     outward_stops_mm,
     register_of,
 )
-from stepdiag.virtual.drive.setups import Alignment, Conditions, aligned_setup, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment, aligned_setup
 from stepdiag.virtual.physics.air import refractive_index, saturation_pressure_pa
 from stepdiag.virtual.physics.environment import Course, Environment
 from stepdiag.virtual.physics.error_functions import (
@@ -25,6 +25,7 @@ from stepdiag.virtual.physics.error_functions import (
     random_errors,
 )
 from stepdiag.virtual.physics.machine import Machine
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 DATA = Path(__file__).parents[2] / "data"
 LOW, SIZE = (0.0, 0.0, 0.0), (500.0, 400.0, 300.0)

@@ -12,10 +12,11 @@ from stepdiag.virtual.base.faults import Fault, FaultBoard
 from stepdiag.virtual.drive.player import Drive, Player
 from stepdiag.virtual.drive.program import Plan, again, steps
 from stepdiag.virtual.drive.sequence import Box, outward_direction
-from stepdiag.virtual.drive.setups import Conditions, aligned_setup, simulate_pass
+from stepdiag.virtual.drive.setups import aligned_setup
 from stepdiag.virtual.instruments.readout import Readout
 from stepdiag.virtual.physics.error_functions import Amplitudes, ErrorSet, random_errors
 from stepdiag.virtual.physics.machine import Machine
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 BOX = Box(size_mm=(100.0, 80.0, 60.0), increments=2)
 PLAN = Plan(box=BOX, setups=("npp",), passes=2, dwell_s=1.0, overrun_mm=5.0, pause_s=1.0)

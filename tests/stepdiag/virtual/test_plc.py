@@ -7,9 +7,9 @@ import pytest
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import Fault, FaultBoard
-from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Drive, Player
 from stepdiag.virtual.drive.program import Plan, steps
+from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.physics.environment import Course, Environment
 from stepdiag.virtual.plc.modbus import ModbusError, checksum, frame_length, respond

@@ -14,8 +14,8 @@ from stepdiag.daq.survey.file import load_survey
 from stepdiag.virtual.base.reserved import reserved_port
 from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
-from stepdiag.virtual.drive.setups import simulate_pass
 from testkit.cli import stepdiag
+from testkit.ordinary.measured import simulate_pass
 from testkit.running.hall import daemon, hall, ordered, until
 from testkit.running.verdict import nothing_silently_wrong
 

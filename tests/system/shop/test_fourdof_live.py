@@ -20,11 +20,11 @@ from stepdiag.virtual.instruments.head import (
     HeadStand,
     VirtualHead,
     Wander,
-    stage_pose,
 )
 from stepdiag.virtual.instruments.head_wire import FourdofHead, QuadrantDetector
 from stepdiag.virtual.instruments.talker import HEAD_CABLE, Talker
 from testkit.exact.heads import survey_section, write_head_file
+from testkit.ordinary.heads import stage_pose
 from testkit.timeline import survey_text
 
 pytestmark = pytest.mark.system

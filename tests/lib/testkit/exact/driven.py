@@ -19,10 +19,11 @@ from stepdiag.daq.recording.sinks import DirectSink
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.virtual.control.siemens import SiemensControl
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import Alignment, aligned_setup, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment, aligned_setup
 from stepdiag.virtual.physics.error_functions import Amplitudes, ErrorSet, Table, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag
+from testkit.ordinary.measured import simulate_pass
 from testkit.timeline import SETUPS as NUMBERS
 from testkit.timeline import Standstill, Timeline, survey_text
 

@@ -15,10 +15,11 @@ from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.methods.solve import solve
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.exact.surveys import IDEAL_SECTION
+from testkit.ordinary.measured import Conditions, simulate_pass
 from testkit.routes import make_route
 from testkit.timeline import survey_text
 

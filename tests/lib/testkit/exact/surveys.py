@@ -14,7 +14,7 @@ from stepdiag.base.result.result import Result
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.drive.sequence import Box
-from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.error_functions import (
     AXES,
     DISPLACEMENTS,
@@ -25,6 +25,7 @@ from stepdiag.virtual.physics.error_functions import (
 )
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.physics.truth import Truth
+from testkit.ordinary.measured import Conditions, simulate_pass
 
 DATA = Path(__file__).parents[3] / "data"
 DIAGONALS = ("ppp", "npp", "pnp", "ppn")

@@ -4,7 +4,7 @@ never silently wrong."""
 from stepdiag.daq.replay import begun_logs, replay
 from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
-from stepdiag.virtual.drive.setups import simulate_pass
+from testkit.ordinary.measured import simulate_pass
 
 RIGHT_UM = 0.5
 """A stop is right within this: the noise is 0.2 µm a sample, the machine swings out to below a

@@ -8,20 +8,21 @@ from typing import Literal
 
 import numpy as np
 
-from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing
+from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.drive.sequence import Box, axis_of_run
-from stepdiag.virtual.drive.setups import Alignment, Conditions, SimulatedPass, simulate_pass
+from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.error_functions import (
     AXES,
     Array,
     ErrorFunction,
     ErrorSet,
-    Sloped,
     zero,
 )
 from stepdiag.virtual.physics.growth import Three
 from stepdiag.virtual.physics.machine import Machine
-from stepdiag.virtual.physics.ordinary import OrdinaryMachine
+from testkit.ordinary.arrivals import Scatter, Standing
+from testkit.ordinary.machines import OrdinaryMachine
+from testkit.ordinary.measured import Conditions, SimulatedPass, simulate_pass
 
 DIAGONALS = ("ppp", "npp", "pnp", "ppn")
 RUNS = ("linear-x", "linear-y", "linear-z")
@@ -29,6 +30,22 @@ Overrun = Literal["always", "turns", "never"]
 """Overruns of the program: at every first stop; at the turns between passes, but not before the
 first pass of a setup; nowhere.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Sloped:
+    """A function with a straight line added that is ``at_low`` at ``low_mm`` and rises by
+    ``slope_per_mm``."""
+
+    base: ErrorFunction
+    low_mm: float
+    slope_per_mm: float
+    at_low: float = 0.0
+
+    def __call__(self, position_mm: Array) -> Array:
+        travelled = np.asarray(position_mm, dtype=np.float64) - self.low_mm
+        value: Array = self.base(position_mm) + self.at_low + self.slope_per_mm * travelled
+        return value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,5 +1,4 @@
-"""Arrivals of the axes at the stops of a pass: their side, their errors, and the effect on the
-registers.
+"""Arrivals of the axes at the stops of a pass: their side and their errors.
 
 An axis that does not move keeps its place. Each move of an axis draws an error of arrival along
 this axis, and all stops see the error until the axis moves again. The error moves the tool; a laser
@@ -7,7 +6,6 @@ sees its component along the beam.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -26,32 +24,6 @@ class Scatter:
 
     arrival_um: Three = (0.0, 0.0, 0.0)
     servo_um: Three = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PositionRegisters:
-    """The position registers of the control at a stop.
-
-    ``shows``: the commanded position, or the actual (encoder) position. ``scatter_um`` is the
-    standard deviation of an actual position from reading to reading although the axis stands;
-    ``resolution_mm`` is the last digit, 0 for none.
-    """
-
-    shows: Literal["commanded", "actual"] = "commanded"
-    scatter_um: float = 0.0
-    resolution_mm: float = 0.0
-
-    def shown_mm(self, commanded_mm: Array, servo_um: Array, rng: np.random.Generator) -> Array:
-        """Return the positions that the registers show for commanded positions (N, 3), shape (N,
-        3)."""
-        shown = commanded_mm
-        if self.shows == "actual":
-            shown = shown + 1e-3 * (
-                servo_um + rng.normal(scale=self.scatter_um, size=commanded_mm.shape)
-            )
-        if self.resolution_mm:
-            shown = np.round(shown / self.resolution_mm) * self.resolution_mm
-        return shown
 
 
 @dataclass(frozen=True, slots=True)

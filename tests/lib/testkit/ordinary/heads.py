@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.virtual.instruments.head import HeadOptics, SpotDetector
+from stepdiag.virtual.instruments.head import HeadOptics, HeadStand, SpotDetector
+from stepdiag.virtual.physics.error_functions import Array
+from stepdiag.virtual.physics.kinematics import Pose, rotation_matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,3 +53,14 @@ def ordinary_head(seed: int, size: Imperfections | None = None) -> HeadOptics:
         psd1=detector(size.gain),
         psd2=detector(size.gain),
     )
+
+
+def stage_pose(distance_mm: float, shift_mm: Array, turn_urad: Array, stand: HeadStand) -> Pose:
+    """Return poses of a calibration stage on the beam: shifted (N, 2) and turned (N, 2) laterally,
+    as a reference stage does it.
+
+    A turn of ``(p, q)`` tips the mirror so that its reflection goes right by 2p and up by 2q.
+    """
+    places = stand.source_mm + distance_mm * stand.beam + stand.across(shift_mm)
+    turn = stand.across(np.stack([turn_urad[:, 1], -turn_urad[:, 0]], axis=1)) * 1e-6
+    return Pose(places, rotation_matrix(turn))
