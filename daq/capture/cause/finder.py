@@ -61,6 +61,7 @@ Code = Literal[
 CODES: Mapping[str, Code] = {
     "laser.sign": "wrong-laser-sign.cause",
     "volume.axis_order": "wrong-axis-order.cause",
+    "plan.axis_orders": "wrong-axis-order.cause",
     "laser.optics": "step-mismatch.cause",
     "laser.line.scale": "step-mismatch.cause",
     "laser.frames.scale": "step-mismatch.cause",

@@ -8,7 +8,7 @@ import numpy as np
 
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, SETUP_NUMBERS
-from stepdiag.base.readings.runs import Plan
+from stepdiag.base.readings.runs import Plan, order_of
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.cause.likelihood import (
     BESIDE_MM,
@@ -140,18 +140,26 @@ class Library:
         the same step, as a single cause.
         """
         alike: dict[bytes, tuple[list[str], Route]] = {}
+        planned, number = self.survey.planned, self._number(setup)
+        run = planned.run_of(setup)
+        # orders of a plan's repeats go before the order of the volume, also in the file
+        line, value = (
+            ("plan.axis_orders", '["{}"]') if run.axis_orders else ("volume.axis_order", '"{}"')
+        )
         for order in map("".join, permutations(AXES)):
-            route = self._route(setup, replace(self.survey.planned, axis_order=order))
+            route = route_of(
+                replace(planned, runs=(replace(run, axis_orders=(order,)),)), setup, number
+            )
             seen = route.nominal_mm if shown is None else route.stops_mm
             alike.setdefault(np.round(seen, 3).tobytes(), ([], route))[0].append(order)
         for orders, route in alike.values():
-            if self.survey.axis_order not in orders:
-                value = " or ".join(f'"{order}"' for order in orders)
+            if order_of(planned, run, number) not in orders:
+                values = " or ".join(map(value.format, orders))
                 yield Cause(
                     route,
-                    kind=f"order {value}",
+                    kind=f"order {values}",
                     what=message("cause-axis-order", orders=orders),
-                    changes=(("volume.axis_order", value),),
+                    changes=((line, values),),
                 )
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
@@ -216,8 +224,12 @@ class Library:
 
     def _route(self, setup: str, plan: Plan | None = None, *, outward: bool = True) -> Route:
         """Return the route of the next pass of a setup, of the survey's plan or of another."""
+        return route_of(plan or self.survey.planned, setup, self._number(setup, outward=outward))
+
+    def _number(self, setup: str, *, outward: bool = True) -> int:
+        """Return the number of the next pass of a setup."""
         out, back = self.hints[setup].numbers if setup in self.hints else (1, 2)
-        return route_of(plan or self.survey.planned, setup, out if outward else back)
+        return out if outward else back
 
     def _map_causes(self, route: Route, shown: Matrix) -> Iterator[Cause]:
         """Yield every map of positions on the route that the file states."""

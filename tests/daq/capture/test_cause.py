@@ -117,6 +117,26 @@ def test_two_orders_of_axes_that_make_the_same_steps_are_named_together(tmp_path
     assert values == ['"yzx" or "zyx"']
 
 
+@pytest.mark.parametrize("machine", ["all", "stopped"])
+def test_a_wrong_order_is_named_in_the_line_that_decides_it(machine, tmp_path):
+    """The orders of the repeats go before the order of the volume: a new survey states them. The
+    file that follows the advice finds every pass in the same logs."""
+    shop = shop_of("axis order", machine=machine)
+    stated = '[plan]\naxis_orders = ["{}", "xyz"]\n'
+    text = survey_of(shop).replace("[plan]\n", stated.format("xyz"), 1)
+    found = surveyed(shop, tmp_path / "recorded", text=text, files=False)
+    advice = [
+        (each.message.arguments["line"], each.message.arguments["value"])
+        for each in found.findings
+        if each.severity == "error" and "line" in each.message.arguments
+    ]
+    assert advice == [("plan.axis_orders", f'["{shop.order}"]')]
+    right = text.replace(stated.format("xyz"), f'[plan]\naxis_orders = ["{shop.order}"]\n')
+    again = surveyed(shop, tmp_path / "right", text=right, files=False)
+    assert again.passes == again.wanted
+    assert not [each for each in again.findings if each.severity == "error"]
+
+
 def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
     """760 mmHg is no pressure of 760 hPa where [environment] states sea level."""
     shop = next(
