@@ -140,20 +140,19 @@ class Library:
         the same step, as a single cause.
         """
         alike: dict[bytes, tuple[list[str], Route]] = {}
-        planned, number = self.survey.planned, self._number(setup)
+        planned = self.survey.planned
         run = planned.run_of(setup)
+        as_stated = order_of(planned, run, self._number(setup))
         # orders of a plan's repeats go before the order of the volume, also in the file
         line, value = (
             ("plan.axis_orders", '["{}"]') if run.axis_orders else ("volume.axis_order", '"{}"')
         )
         for order in map("".join, permutations(AXES)):
-            route = route_of(
-                replace(planned, runs=(replace(run, axis_orders=(order,)),)), setup, number
-            )
+            route = self._route(setup, replace(planned, runs=(replace(run, axis_orders=(order,)),)))
             seen = route.nominal_mm if shown is None else route.stops_mm
             alike.setdefault(np.round(seen, 3).tobytes(), ([], route))[0].append(order)
         for orders, route in alike.values():
-            if order_of(planned, run, number) not in orders:
+            if as_stated not in orders:
                 values = " or ".join(map(value.format, orders))
                 yield Cause(
                     route,
