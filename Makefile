@@ -69,12 +69,12 @@ bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 honesty: $(VENV)/.ready ## does what the solver says of itself hold, against exact machines
 	$(VENV)/bin/python -m benchmarks.honesty
 	$(VENV)/bin/python -m benchmarks.honesty --explained 20
-	for each in wrong_tables hasty designs; do PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.$$each || exit 1; done
+	for each in wrong_tables hasty designs; do $(VENV)/bin/python -m benchmarks.$$each || exit 1; done
 
 # ten thousand bits, and machines that stand exactly at their tolerance: half an hour
 custody: $(VENV)/.ready ## is every flipped bit found, and how often is a machine at its limit accepted
-	PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.custody
-	PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.acceptance
+	$(VENV)/bin/python -m benchmarks.custody
+	$(VENV)/bin/python -m benchmarks.acceptance
 
 format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 	$(VENV)/bin/ruff format .

@@ -143,7 +143,6 @@ def _workers() -> list[Row]:
 
 def _store_of_logs(folder: Path) -> None:
     """Make a store with one recorded survey under many names."""
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests/lib"))
     from testkit.fleets import finished_survey
 
     store = Store(f"{folder}/store", create=True)

@@ -1,7 +1,7 @@
 """Do surveys that the planner proposes leave of exact machines what is forecast, do they end where
 that is stated, are screws named?
 
-``PYTHONPATH=tests/lib python -m benchmarks.designs [MACHINES]``
+``python -m benchmarks.designs [MACHINES]``
 """
 
 import sys

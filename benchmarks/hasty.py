@@ -1,4 +1,4 @@
-"""Sequences of a hasty engineer, with seeds: ``PYTHONPATH=tests/lib python -m benchmarks.hasty
+"""Sequences of a hasty engineer, with seeds: ``python -m benchmarks.hasty
 [ROUNDS] [proof | others]``
 
 Each ends with reading back what the control holds, or with a proof run; "others" are the controls

@@ -153,8 +153,7 @@ class Rig:
 
     def optics(self) -> HeadOptics:
         """Return the head's optics."""
-        optics: HeadOptics = ordinary_head(self.seed, self.case.size)
-        return optics
+        return ordinary_head(self.seed, self.case.size)
 
     def head(self) -> VirtualHead:
         """Return the head, aligned at the near end."""

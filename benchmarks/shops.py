@@ -10,14 +10,11 @@ right nor named.
 
 import argparse
 import statistics
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests/lib"))
 
 SHOPS = 108
 LEFT = 0.5

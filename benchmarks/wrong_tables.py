@@ -1,6 +1,6 @@
 """How often is a right table refused, and a wrong one taken for right?
 
-``PYTHONPATH=tests/lib python -m benchmarks.wrong_tables [MACHINES]``
+``python -m benchmarks.wrong_tables [MACHINES]``
 """
 
 import sys

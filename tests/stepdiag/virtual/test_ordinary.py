@@ -1,13 +1,17 @@
 """Ordinary machines and shops: drawn within their table, the same for the same seed, with a truth
 that their readings support."""
 
+import ast
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import testkit.ordinary
 from stepdiag.virtual.drive.registers import PositionRegisters
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.physics.environment import Course, Environment
@@ -50,6 +54,26 @@ def drawn(seed, **options):
 @pytest.fixture(scope="module")
 def many():
     return [drawn(seed) for seed in range(300)]
+
+
+def test_ordinary_machines_share_no_code_with_what_they_prove():
+    """They stand outside the program, where its contract of layers does not reach: of the program
+    they import the virtual machine alone."""
+    files = sorted(Path(testkit.ordinary.__path__[0]).glob("*.py"))
+    nodes = [
+        node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+    ]
+    imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom)} | {
+        name.name for node in nodes if isinstance(node, ast.Import) for name in node.names
+    }
+    allowed = ("stepdiag.virtual.", "testkit.ordinary.")
+    assert len(files) > 1
+    assert {
+        name
+        for name in imported
+        if not f"{name}.".startswith(allowed)
+        and name.split(".")[0] not in {"numpy", *sys.stdlib_module_names}
+    } == set()
 
 
 def test_every_figure_has_a_mark_and_a_source():
