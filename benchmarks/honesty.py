@@ -71,6 +71,7 @@ class Case:
     passes: Sequence[int] = (1,)
     setups: Sequence[str] = SETUPS
     increments: int = BOX.increments
+    repeatability_um: float = REPEATABILITY_UM
 
     @property
     def box(self) -> Box:
@@ -197,7 +198,7 @@ def drive(case: Case, machine: Machine, seed: int) -> Readings:
         how = Alignment(mirror_mrad=mirror, beam_mrad=(0.0, 0.0) if linear else beam)
         noise = NOISE_UM["linear" if linear else "diagonal"]
         for number in case.passes:
-            scatter = Scatter(arrival_um=(REPEATABILITY_UM,) * 3)
+            scatter = Scatter(arrival_um=(case.repeatability_um,) * 3)
             taken = Conditions(
                 noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s, scatter=scatter
             )
@@ -251,7 +252,7 @@ def judge(case: Case, seed: int, exact: ExactModel | None) -> Verdict:
 
 def _exact(case: Case) -> ExactModel:
     # it takes what each move misses by for noise of the stop
-    noise_um = {kind: float(np.hypot(um, REPEATABILITY_UM)) for kind, um in NOISE_UM.items()}
+    noise_um = {kind: float(np.hypot(um, case.repeatability_um)) for kind, um in NOISE_UM.items()}
     return ExactModel(
         box=BOX,
         setups=tuple(case.setups),

@@ -10,11 +10,13 @@ along the wrong axis. Faults have causes, so a fault explains a function, all fu
 table, or all. Explanations are added one at a time, as long as each makes the readings `NAMED`
 times as likely as before.
 
-Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and beyond
-U of the factor.
+Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and `SURE`
+times as likely as the nearest state, beside the states of the other tables and beside any size of
+them. Where only the former holds, the table is undecided.
 
 A table is decided if every other state makes the readings `SURE` times less likely, by itself and
-with all of its kind; an undecided table is shown with its factor and U. The tables are kept if
+with all of its kind. Its factor is shown with U: of a state beside the states of all others, else
+beside any size of them. The tables are kept if
 every table is decided to be right, or too small to matter: the remaining states differ by no more
 than U of the survey's own readings.
 """
@@ -140,6 +142,25 @@ class _Case:
     def misfit(self, explained: _Explained) -> float:
         return self.fit.misfit(explained.predicted_um)
 
+    def parts(self, explained: _Explained, names: Sequence[str]) -> tuple[Vector, Vector]:
+        """Return what the laser sees of some tables as exported, and of all else as explained."""
+        together = sum((self.seen[name] for name in names), self.nothing)
+        own = sum((explained.states[name][1] * self.seen[name] for name in names), self.nothing)
+        return together, explained.predicted_um - own
+
+    def shown(self, best: _Explained, name: str) -> tuple[float, float]:
+        """Return the factor of a function's tables, with its u, as its state is decided: alone, or
+        with all that share the state."""
+        state = best.states[name]
+        alike = [each for each, one in best.states.items() if one == state]
+        if state[0] in ("right", "axes-swapped"):
+            alike = [name]
+        elif state in STATES:
+            return self.fit.factor_of(*self.parts(best, alike))
+        others = [seen for each, seen in self.seen.items() if each not in alike]
+        together = sum((self.seen[each] for each in alike), self.nothing)
+        return self.fit.factor_of(together, self.nothing, others)
+
     def right(self) -> _Explained:
         return _Explained(
             states=dict.fromkeys(self.seen, STATES[0]),
@@ -170,15 +191,10 @@ class _Case:
     def sized(self, than: _Explained) -> Iterator[_Explained]:
         """Yield explanations with the best factor of a group, if this is no longer its state."""
         for group in self.groups:
-            together = sum((self.seen[name] for name in group), self.nothing)
-            beside = than.predicted_um - sum(
-                (than.states[name][1] * self.seen[name] for name in group), self.nothing
-            )
-            column, rest = self.fit.weigh @ together, self.fit.values - self.fit.weigh @ beside
-            size = float(column @ column)
-            if size > 0.0 and all(than.states[name][0] != "axes-swapped" for name in group):
-                factor = float(column @ rest) / size
-                state = (_code(factor, self.fit.sigma_um / float(np.sqrt(size))), factor)
+            if all(than.states[name][0] != "axes-swapped" for name in group):
+                together, beside = self.parts(than, group)
+                factor, u = self.fit.factor_of(together, beside)
+                state = (_code(factor, u), factor)
                 if any(than.states[name][0] != state[0] for name in group):
                     yield _Explained(
                         states={**than.states, **dict.fromkeys(group, state)},
@@ -259,7 +275,7 @@ def _further(
 
 
 def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
-    at, seen = list(case.seen).index(name), case.seen[name]
+    seen = case.seen[name]
     code, factor = best.states[name]
     least = case.misfit(best) + 2.0 * np.log(SURE)
     remain = {
@@ -269,12 +285,15 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
     }
     states = [*remain, (code, factor)]
     off = max(np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states)
+    shown, u = case.shown(best, name)
+    # a size that no cause explains is that of the tables only where no size of the others makes it
+    unsized = (code, factor) not in STATES and code == "scaled" and _code(shown, u) != code
     return Proved(
         function=name,
         kind=case.kinds[name],
-        code=None if remain else code,
-        factor=float(case.fit.factor[at]),
-        u=float(case.fit.u[at]),
+        code=None if remain or unsized else code,
+        factor=shown,
+        u=u,
         seen_um=rms(seen - np.mean(seen)),
         harmless=bool(off * _size_um(case, name) <= _unknown_um(result, name)),
     )
@@ -300,9 +319,11 @@ def _size_um(case: _Case, name: str) -> float:
 
 
 def _code(factor: float, u: float) -> Code:
-    """Return the state of a factor, within the tolerated size or its uncertainty; else scaled."""
+    """Return the state of a factor, within the tolerated size or where another one is not `SURE`
+    times as likely; else scaled."""
     code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
-    return code if abs(factor - exact) <= max(SIZED, 2.0 * u) else "scaled"
+    within = max(SIZED, float(np.sqrt(2.0 * np.log(SURE))) * u)
+    return code if abs(factor - exact) <= within else "scaled"
 
 
 def _unknown_um(result: Result, function: str) -> float:

@@ -213,6 +213,21 @@ class Measured:
     weigh: Vector
     values: Vector
 
+    def factor_of(
+        self, table_um: Vector, beside_um: Vector, others_um: Sequence[Vector] = ()
+    ) -> tuple[float, float]:
+        """Return the factor of a table with its u, after ``beside_um`` is taken off the readings,
+        and beside others of any size; u is infinite where these hide it."""
+        column = self.weigh @ table_um
+        if others_um:
+            others = self.weigh @ np.column_stack(others_um)
+            column = column - others @ np.linalg.lstsq(others, column)[0]
+        size = float(np.linalg.norm(column))
+        if size <= HIDDEN * float(np.linalg.norm(table_um)):
+            return 1.0, np.inf
+        rest = self.values - self.weigh @ beside_um
+        return float(column @ rest) / size**2, self.sigma_um / size
+
     def misfit(self, predicted_um: Vector) -> float:
         """Return twice the logarithm by which a prediction of the readings is less likely than a
         perfect one."""
@@ -220,6 +235,8 @@ class Measured:
         return float(rest @ rest) / self.sigma_um**2
 
 
+HIDDEN = 1e-9
+"""Share of a table that rounding alone leaves beside others that move the laser as it does."""
 LEAST_SCATTER_UM = 0.1
 """No laser and no axis scatters by less; a fit of few readings can seem to."""
 
