@@ -58,6 +58,11 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
+def table_of(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table | None:
+    """Return a table of the rows; None without a row."""
+    return Table(header=header, rows=rows) if rows else None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remark:
     """A finding in the report: the words of the solver, and the remedy."""
@@ -291,19 +296,9 @@ def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table |
         )
         for name, facts in list(first.items())[:MOST_ROWS]
     ]
-    return (
-        Table(
-            header=(
-                words["setup"],
-                words["standard"],
-                words["runs"],
-                *(f"{symbol} / µm" for symbol in known.values()),
-            ),
-            rows=rows,
-        )
-        if known
-        else None
-    )
+    figures = (f"{symbol} / µm" for symbol in known.values())
+    header = (words["setup"], words["standard"], words["runs"], *figures)
+    return table_of(header, rows) if known else None
 
 
 def _standard(name: str, words: Mapping[str, str]) -> str:
@@ -352,18 +347,8 @@ def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
                     *(shown(getattr(facts, figure), 2) for figure in VDI_FIGURES),
                 )
             )
-    return (
-        Table(
-            header=(
-                words["setup"],
-                words["standard"],
-                *(f"{symbol} / µm" for symbol in VDI_FIGURES.values()),
-            ),
-            rows=rows,
-        )
-        if rows
-        else None
-    )
+    figures = (f"{symbol} / µm" for symbol in VDI_FIGURES.values())
+    return table_of((words["setup"], words["standard"], *figures), rows)
 
 
 def _figure(facts: StandardFigures, name: str) -> float | None:
@@ -397,14 +382,8 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
         (name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES))
         for name, facts in measured.items()
     ]
-    return (
-        Table(
-            header=(words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES)),
-            rows=rows,
-        )
-        if rows
-        else None
-    )
+    header = (words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES))
+    return table_of(header, rows)
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -415,7 +394,7 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
     known = [*fit.items(), *((f"scale sum {name}_um", value) for name, value in total.items())]
     rows = [(_readable(name, words), shown(value)) for name, value in known if value is not None]
-    return Table(header=(), rows=rows) if rows else None
+    return table_of((), rows)
 
 
 def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
@@ -473,7 +452,7 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
 def history_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
     """Return the past events of the recording, if the result has them (``history``)."""
     rows = [(one.code, rendered(one.words, language)) for one in (result.history or ())[:MOST_ROWS]]
-    return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
+    return table_of((words["history_code"], words["history_text"]), rows)
 
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -483,7 +462,7 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
     A log packed since is the same log, and the report stays the same.
     """
     rows = [(one.name, one.sha256) for one in result.sources or ()]
-    return Table(header=(words["file"], "SHA-256"), rows=rows) if rows else None
+    return table_of((words["file"], "SHA-256"), rows)
 
 
 def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
@@ -496,7 +475,7 @@ def slips_table(result: Result, words: Mapping[str, str], language: Language) ->
         for each in result.unseen_slip or ()
     ]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
-    return Table(header=header, rows=rows) if rows else None
+    return table_of(header, rows)
 
 
 def _size(um: float | None) -> str:
@@ -530,14 +509,8 @@ def budget_table(
                 *[""] * (3 - len(named)),
             )
         )
-    return (
-        Table(
-            header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))),
-            rows=rows[:MOST_ROWS],
-        )
-        if rows
-        else None
-    )
+    header = (words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3)))
+    return table_of(header, rows[:MOST_ROWS])
 
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
@@ -563,4 +536,4 @@ def assumptions_table(result: Result, words: Mapping[str, str], language: Langua
         (source_words(source, words), rendered(text, language))
         for source, text in list(known.items())[:MOST_ROWS]
     ]
-    return Table(header=(), rows=rows) if rows else None
+    return table_of((), rows)
