@@ -269,7 +269,9 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     )
 
 
-def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
+def positioning_table(
+    standards: Standards, words: Mapping[str, str], language: Language
+) -> Table | None:
     """Return the figures along the axes and along the diagonals, a row per setup, each with its U
     where known (k = 2).
 
@@ -285,7 +287,7 @@ def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table |
     once = positioning_lengths(standards, words)
     rows = [
         (
-            name,
+            setup_words(name, language),
             ", ".join(
                 filter(
                     None, (_standard(facts.standard, words), "" if once else _lengths(facts, words))
@@ -332,7 +334,7 @@ VDI_FIGURES = {
 not an uncertainty."""
 
 
-def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
+def vdi_table(standards: Standards, words: Mapping[str, str], language: Language) -> Table | None:
     """Return the figures of VDI/DGQ 3441 of the runs that have them, a row per run; None without
     such runs.
     """
@@ -342,7 +344,7 @@ def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
         if facts is not None:
             rows.append(
                 (
-                    name,
+                    setup_words(name, language),
                     facts.standard,
                     *(shown(getattr(facts, figure), 2) for figure in VDI_FIGURES),
                 )
