@@ -58,7 +58,8 @@ class Volume:
 
     @property
     def length_mm(self) -> Vector:
-        """Return the size of each axis to divide by, shape (3,): 1 mm where an axis has none."""
+        """Return the size of each axis as a divisor, shape (3,): 1 mm for an axis without
+        travel."""
         size = np.asarray(self.size_mm, dtype=np.float64)
         return np.where(size > 0, size, 1.0)
 
