@@ -27,7 +27,7 @@ from benchmarks.table import Row
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.archive import add, refresh_index
-from stepdiag.fleet.history import series_in
+from stepdiag.fleet.history import history_in
 from stepdiag.fleet.resolve import open_surveys, resolve
 from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sha256, unsealed
 from stepdiag.fleet.tables import read_table, to_parquet
@@ -72,13 +72,13 @@ def _query(store: Store) -> Row:
     """Return the row of the trend of every quantity of every machine beside its floor: the best of
     three, since other programs only add to it."""
     times, floors = [], []
-    series = series_in(store, datetime.now(UTC))
+    series = history_in(store, datetime.now(UTC)).series
     lines = [(np.arange(float(len(each.values))), np.nan_to_num(each.values)) for each in series]
     for _ in range(3):
         computed = time.process_time()
         points = sum(
             len(each.series.surveys)
-            for each in trends_of(series_in(store, datetime.now(UTC)), lambda *_: None)
+            for each in trends_of(history_in(store, datetime.now(UTC)).series, lambda *_: None)
         )
         times.append(time.process_time() - computed)
         computed = time.process_time()

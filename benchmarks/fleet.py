@@ -23,7 +23,7 @@ from stepdiag.base.conditions.expansion import expansion_um
 from stepdiag.base.readings.readings import Readings
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.archive import put_table, refresh_index
-from stepdiag.fleet.history import series_in
+from stepdiag.fleet.history import history_in
 from stepdiag.fleet.rows import About, rows_of
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
@@ -254,7 +254,7 @@ def lives_of(machines: int, surveys: int, first: int = 0) -> dict[str, Life]:
 def trends_in(store: Store) -> list[Trend]:
     """Return the trends of a store, C0Y against its tolerance."""
     return trends_of(
-        series_in(store, datetime.now(UTC)),
+        history_in(store, datetime.now(UTC)).series,
         lambda _, quantity: TOLERANCE_URAD if quantity == WATCHED else None,
     )
 

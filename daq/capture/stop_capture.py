@@ -368,10 +368,6 @@ def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
     return walk.finding("info", index, words)
 
 
-def _reading_mm(taken: list[Taken]) -> float | None:
-    return taken[0].window.mean_mm if taken else None
-
-
 def _share_turn(
     walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]
 ) -> None:

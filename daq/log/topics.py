@@ -17,7 +17,7 @@ from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, Signals
 from stepdiag.daq.records.events import Link, Stream
-from stepdiag.daq.records.status import LinkState, Phase
+from stepdiag.daq.records.status import LinkState
 
 Schema = dict[str, Any]
 
@@ -60,7 +60,6 @@ class Note:
 
 
 LINK_STATES: tuple[str, ...] = get_args(LinkState)
-PHASES: tuple[str, ...] = get_args(Phase)
 
 _STAMP = {"time": TIME, "t_mono_ns": TEXT}
 _ORDER = {"order": INTEGER, "skip": INTEGERS, "run": INTEGERS}
@@ -204,7 +203,6 @@ LOSS_TOPIC = "/recorder/loss"
 SAMPLE_TOPIC = "/laser/sample"
 SIGNALS_TOPIC = "/machine/state"
 STOP_TOPIC = "/machine/stop"
-PHASE_TOPIC = "/sync/state"
 FINDING_TOPIC = "/sync/finding"
 LOG_TOPIC = "/log"
 VOLUME_TOPIC = "/volume"
@@ -227,11 +225,6 @@ CHANNELS: tuple[Channel, ...] = (
     ),
     Channel(SIGNALS_TOPIC, "stepdiag.Signals", {**_STAMP, **_SIGNALS}),
     Channel(STOP_TOPIC, "stepdiag.Stop", {**_STAMP, **_STOP}),
-    Channel(
-        PHASE_TOPIC,
-        "stepdiag.Phase",
-        {**_STAMP, "state": INTEGER, "state_text": TEXT, "detail": TEXT},
-    ),
     Channel(FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, **_FINDING}),
     Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
     Channel(VOLUME_TOPIC, "foxglove.SceneUpdate", _SCENE),
@@ -294,13 +287,6 @@ def stop_note(
     for end in ("from", "to"):
         fields[f"window_{end}_mono_ns"] = str(fields.pop(f"window_{end}_ns"))
     return Note(STOP_TOPIC, stop.window_to_ns, fields)
-
-
-def phase_note(time_ns: int, phase: Phase, detail: str = "") -> Note:
-    """Return what the daemon is about."""
-    return Note(
-        PHASE_TOPIC, time_ns, {"state": PHASES.index(phase), "state_text": phase, "detail": detail}
-    )
 
 
 def finding_note(time_ns: int, finding: Finding) -> Note:

@@ -165,14 +165,7 @@ class SurveyLinks:
         )
 
     def _line(self, stream: Stream, section: SerialSection, decoder: Decoder) -> Reconnector:
-        settings = SerialSettings(
-            port=section.port,
-            baud=section.baud,
-            bytesize=section.bytesize,
-            parity=section.parity,
-            stopbits=section.stopbits,
-        )
-        line = instrument_line(settings, decoder, self._receiver(stream))
+        line = instrument_line(serial_settings(section), decoder, self._receiver(stream))
         if isinstance(line, SerialStream):
             self._streams.append(line)
         return Reconnector(stream, line.session, self._reporter(stream))
@@ -244,6 +237,17 @@ def machine_settings(plc: Plc) -> MachineSettings:
         stopbits=plc.stopbits,
         unit=plc.unit,
         timeout_s=plc.timeout_s,
+    )
+
+
+def serial_settings(section: SerialSection) -> SerialSettings:
+    """Return how an instrument of the survey is reached."""
+    return SerialSettings(
+        port=section.port,
+        baud=section.baud,
+        bytesize=section.bytesize,
+        parity=section.parity,
+        stopbits=section.stopbits,
     )
 
 

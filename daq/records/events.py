@@ -101,8 +101,8 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def interrupts(self) -> bool:
-        """Whether what comes next may not belong to what came before, a half line among it: silence
-        and lost bytes leave the line open."""
+        """Return whether a half line before it must be discarded: so after a lost link; silence and
+        lost bytes leave the line open."""
         return self.state == "lost"
 
 

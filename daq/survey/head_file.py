@@ -198,11 +198,11 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         ]
 
 
-def require_measured(file: HeadFile, source: str, names: Sequence[str] | None = None) -> None:
-    """Raise DataError that names the fields not measured yet (None: every field that the head
-    needs) and the next command.
+def require_measured(file: HeadFile, source: str) -> None:
+    """Raise DataError that names the fields not measured yet, of all that the head needs, and the
+    next command.
     """
-    needed = names or (QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED)
+    needed = QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED
     if absent := file.absent(needed):
         raise DataError(
             f"{source}: {absent[0]}",

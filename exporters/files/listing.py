@@ -3,9 +3,12 @@
 import math
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 
 MOST_LINES = 1_000_000
@@ -45,6 +48,29 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
                 where, expected=message("characters-most", count=LONGEST_LINE), found=str(len(line))
             )
         yield where, line
+
+
+def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
+    """Return the numbers of a CSV under its header, shape (rows, columns); empty lines do not
+    count.
+
+    Raises ``DataError`` with the place of another header, or of a line that is not ``expected``.
+    """
+    lines = [(where, line) for where, line in read_lines(file) if line]
+    if not lines or lines[0][1] != header:
+        raise DataError(
+            file.name,
+            expected=message("header-of-words", words=header),
+            found=lines[0][1] if lines else message("empty-file"),
+        )
+    columns = len(header.split(","))
+    rows = []
+    for where, line in lines[1:]:
+        cells = line.split(",")
+        if len(cells) != columns:
+            raise DataError(where, expected=expected, found=repr(line))
+        rows.append([finite(cell, where) for cell in cells])
+    return np.array(rows).reshape(-1, columns)
 
 
 def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:

@@ -11,7 +11,7 @@ from stepdiag.base.names import AXES
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import finite, read_lines
+from stepdiag.exporters.files.listing import number_rows
 
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3
@@ -93,20 +93,6 @@ def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float
 def read_sign_run(file: ControlFile) -> SignRun:
     """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line
     where it is damaged."""
-    lines = [(where, line) for where, line in read_lines(file) if line]
-    if not lines or lines[0][1] != HEADER:
-        raise DataError(
-            file.name,
-            expected=message("header-of-words", words=HEADER),
-            found=lines[0][1] if lines else message("empty-file"),
-        )
-    rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 3)
+    rows = number_rows(file, HEADER, message("three-numbers"))
     position, off, on = rows[np.argsort(rows[:, 0])].T
     return SignRun(position, off, on)
-
-
-def _row(where: str, line: str) -> list[float]:
-    cells = line.split(",")
-    if len(cells) != 3:
-        raise DataError(where, expected=message("three-numbers"), found=repr(line))
-    return [finite(cell, where) for cell in cells]

@@ -18,7 +18,7 @@ from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
+from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, number_rows
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.profile import whole_steps
 
@@ -142,14 +142,7 @@ def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
 def parse(file: ControlFile) -> Lattice:
     """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for
     a lattice with holes."""
-    lines = [(where, line) for where, line in read_lines(file) if line]
-    if not lines or lines[0][1] != HEADER:
-        raise DataError(
-            file.name,
-            expected=message("header-of-words", words=HEADER),
-            found=lines[0][1] if lines else message("empty-file"),
-        )
-    rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 6)
+    rows = number_rows(file, HEADER, message("six-numbers"))
     axes = tuple(np.unique(rows[:, index]) for index in range(3))
     shape = tuple(len(axis) for axis in axes)
     whole = min(shape) >= 2 and math.prod(shape) == len(rows)
@@ -163,13 +156,6 @@ def parse(file: ControlFile) -> Lattice:
             remedy=message("mixed-up"),
         )
     return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=rows[:, 3:].reshape(*shape, 3))
-
-
-def _row(where: str, line: str) -> list[float]:
-    cells = line.split(",")
-    if len(cells) != 6:
-        raise DataError(where, expected=message("six-numbers"), found=repr(line))
-    return [finite(cell, where) for cell in cells]
 
 
 def _axis(volume: Volume, index: int, step_mm: float) -> Vector:

@@ -201,7 +201,8 @@ class Foresight:
         return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return in words what such a slip may be and make; empty without a diagonal."""
+        """Return in words the size of a slip that may hide in a diagonal, and the error of the
+        volume that it causes; empty without a diagonal."""
         if self.unseen is None:
             return ""
         half_um, volume_um = self.unseen.half_um, self.unseen.volume_um

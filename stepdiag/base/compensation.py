@@ -14,8 +14,6 @@ from stepdiag.base.result.members import ActiveFile, Facts
 from stepdiag.base.result.result import Result
 from stepdiag.base.settings import UNANSWERED
 
-State = Literal["off", "on"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:

@@ -57,7 +57,7 @@ def _refusal(where: str, text: str) -> UsageError:
     )
 
 
-def abbe_mask(chain: str, where: str = "chain") -> NDArray[np.float64]:
+def abbe_mask(chain: str) -> NDArray[np.float64]:
     """Return which coordinates of a point are in the Abbe arm of each axis, shape (axis,
     coordinate), entries 0 or 1.
 
@@ -66,7 +66,7 @@ def abbe_mask(chain: str, where: str = "chain") -> NDArray[np.float64]:
     itself have brought it; the carriage of a work-side axis stands where the axes nearer to the
     workpiece have.
     """
-    work, tool = parse_chain(chain, where)
+    work, tool = parse_chain(chain)
     mask = np.ones((3, 3))
     for place, axis in enumerate(work):
         mask[axis, list(work[:place])] = 0.0

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.names import AXES
-
 Vector = NDArray[np.float64]
 
 MOST_INCREMENTS = 500
@@ -60,7 +58,8 @@ class Volume:
 
     @property
     def length_mm(self) -> Vector:
-        """Return the size of each axis to divide by, shape (3,): 1 mm where an axis has none."""
+        """Return the size of each axis as a divisor, shape (3,): 1 mm for an axis without
+        travel."""
         size = np.asarray(self.size_mm, dtype=np.float64)
         return np.where(size > 0, size, 1.0)
 
@@ -116,20 +115,6 @@ def diagonal_direction(volume: Volume, diagonal: str) -> Vector:
     return unit
 
 
-def diagonal_nodes(volume: Volume, diagonal: str, order: str = "xyz") -> NDArray[np.int64]:
-    """Return the node index of every axis at every stop of the outward pass, shape (3n+1, 3).
-
-    An axis that runs backwards counts from ``n`` down to 0. The return pass visits the same stops
-    in reverse.
-    """
-    n = volume.increments
-    steps = np.zeros((3 * n + 1, 3), dtype=np.int64)
-    for position, letter in enumerate(order):
-        steps[1 + position :: 3, AXES.index(letter)] = 1
-    walked = np.cumsum(steps, axis=0)
-    return np.where(travel_signs(diagonal) == 1, walked, n - walked)
-
-
 def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
     """Return commanded positions of node indices, shape like ``nodes``."""
     positions: Vector = (
@@ -137,20 +122,6 @@ def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
         + np.asarray(volume.size_mm, dtype=np.float64) * nodes / volume.increments
     )
     return positions
-
-
-def diagonal_stops_mm(volume: Volume, diagonal: str, order: str = "xyz") -> Vector:
-    """Return the commanded positions of the outward pass, shape (3n+1, 3)."""
-    return nodes_to_mm(volume, diagonal_nodes(volume, diagonal, order))
-
-
-def linear_stops_mm(volume: Volume, setup: str) -> Vector:
-    """Return the commanded positions of a run along one axis, shape (n+1, 3), the other axes at
-    their low end."""
-    axis = AXES.index(setup[-1])
-    stops = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (volume.increments + 1, 1))
-    stops[:, axis] = volume.nodes_mm(axis)
-    return stops
 
 
 def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:

@@ -56,8 +56,8 @@ CONFORMITY = (
 )
 
 
-def _words_of(key: str, section: str = "report") -> Words:
-    return {language: catalogue(section, language)[key] for language in LANGUAGES}
+def _words_of(key: str) -> Words:
+    return {language: catalogue("report", language)[key] for language in LANGUAGES}
 
 
 def certificate_of(

@@ -130,7 +130,7 @@ def _remarks(found: "Standing") -> "Iterator[Words]":
     that has changed."""
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
-            yield message("labelled", name=setup.name, what=words)
+            yield message("labelled", name=_named(setup.name), what=words)
     yield from _undated(found)
     yield from (
         message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble
@@ -187,8 +187,14 @@ def _table(found: "Standing") -> "Table":
     for setup in found.setups:
         passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
         stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)
-        table.add_row(setup.name, shown(passes), shown(stops), shown(_STATES[setup.state]))
+        table.add_row(
+            shown(_named(setup.name)), shown(passes), shown(stops), shown(_STATES[setup.state])
+        )
     return table
+
+
+def _named(setup: str) -> Message:
+    return message("setup-named", setup=setup)
 
 
 def _live(found: "Standing") -> "list[Words]":

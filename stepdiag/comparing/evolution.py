@@ -135,7 +135,7 @@ class Explained:
     further: int | None = None
 
     def renumbered(self, numbers: Mapping[int, int]) -> "Explained":
-        """Return it with other numbers for its surveys."""
+        """Return the explanation with its surveys numbered anew."""
         if not self.courses:
             return self
         return replace(self, courses=tuple(_placed(each, numbers) for each in self.courses))
@@ -494,7 +494,7 @@ def _standing_out(sizes: Array, u: Array) -> int:
 
 
 def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> Course:
-    """Return a course with other numbers for its surveys."""
+    """Return a course with its surveys numbered anew."""
     return replace(
         course,
         at=int(numbers[course.at]),

@@ -60,13 +60,6 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
     return replace(found, left_out=(*damaged, *found.left_out))
 
 
-def series_in(
-    store: Store, now: datetime, machine: str = "", software: str = ""
-) -> tuple[Series, ...]:
-    """Return the series of `history_in`."""
-    return history_in(store, now, machine, software).series
-
-
 def _read(store: Store, wanted: Sequence[Place], surveys: int) -> tuple[pa.Table, list[LeftOut]]:
     """Return the rows of the wanted surveys: from the index if present, else from their own tables;
     and the damaged tables.

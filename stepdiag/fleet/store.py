@@ -288,11 +288,6 @@ class Store:
             remedy=message("restore-from-copy"),
         )
 
-    @property
-    def filesystem(self) -> Any:
-        """Return the file system, for readers that need it."""
-        return self._files
-
     def _require_known(self) -> None:
         if not self.exists(MARK):
             raise UsageError(

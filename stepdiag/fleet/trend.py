@@ -126,11 +126,6 @@ def trends_of(
     return [found[number] for number in range(len(series))]
 
 
-def trend_of(series: Series, tolerance: float | None = None) -> Trend:
-    """Return what became of one series alone."""
-    return trends_of([series], lambda *_: tolerance)[0]
-
-
 def _of_machine(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> Iterator[Trend]:

@@ -14,7 +14,6 @@ from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
-from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import head_decoder, parse_survey
@@ -174,9 +173,9 @@ async def _listen(
     seconds: float,
     on_batch: Callable[[Samples], None] | None,
 ) -> None:
-    from stepdiag.daq.links.ports.serial import (
-        instrument_line,
-    )  # a line of this computer, which needs Linux; its files do not
+    # a line of this computer needs Linux; its files do not
+    from stepdiag.daq.links.ports.serial import instrument_line
+    from stepdiag.daq.recording.survey_links import serial_settings
 
     section = survey.head
     if section is None:
@@ -191,14 +190,7 @@ async def _listen(
     def arrived(data: bytes, arrival_ns: int) -> None:
         loop.call_soon_threadsafe(take, data, arrival_ns)
 
-    settings = SerialSettings(
-        port=section.port,
-        baud=section.baud,
-        bytesize=section.bytesize,
-        parity=section.parity,
-        stopbits=section.stopbits,
-    )
-    stream = instrument_line(settings, head_decoder(survey), arrived)
+    stream = instrument_line(serial_settings(section), head_decoder(survey), arrived)
     try:
         await asyncio.wait_for(
             stream.session(lambda *_: None), None if math.isinf(seconds) else seconds

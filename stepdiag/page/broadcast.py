@@ -63,11 +63,6 @@ class Broadcaster:
         self._slow: tuple[object, ...] = ()
         self._slow_event = b""
 
-    @property
-    def readers(self) -> int:
-        """Return how many look on."""
-        return len(self._mailboxes)
-
     async def stream(self) -> AsyncIterator[bytes]:
         """Yield the server-sent events of one reader, from the next picture on, until the page
         closes or the reader goes."""

@@ -27,7 +27,7 @@ from stepdiag.conclusion import (
     verdict_words,
 )
 from stepdiag.report.laboratory import Equipment, Laboratory, Person
-from stepdiag.report.sections import Table, even, shown
+from stepdiag.report.sections import Table, even, shown, table_of
 from stepdiag.texts import Language
 from stepdiag.texts.texts import UNITS
 
@@ -269,7 +269,7 @@ def effect_table(
     again = words["as_left"] + (f" ({words['not_yet']})" if left is None else "")
     header = (words["name"], words["as_found"], words["predicted"], again)
     more = (words["tolerance"], words["verdict"]) if tolerance else ()
-    return Table(header=(*header, *more), rows=rows) if rows else None
+    return table_of((*header, *more), rows)
 
 
 def _cells(

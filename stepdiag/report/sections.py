@@ -58,6 +58,11 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
+def table_of(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table | None:
+    """Return a table of the rows; None without a row."""
+    return Table(header=header, rows=rows) if rows else None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remark:
     """A finding in the report: the words of the solver, and the remedy."""
@@ -264,7 +269,9 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     )
 
 
-def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
+def positioning_table(
+    standards: Standards, words: Mapping[str, str], language: Language
+) -> Table | None:
     """Return the figures along the axes and along the diagonals, a row per setup, each with its U
     where known (k = 2).
 
@@ -280,7 +287,7 @@ def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table |
     once = positioning_lengths(standards, words)
     rows = [
         (
-            name,
+            setup_words(name, language),
             ", ".join(
                 filter(
                     None, (_standard(facts.standard, words), "" if once else _lengths(facts, words))
@@ -291,19 +298,9 @@ def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table |
         )
         for name, facts in list(first.items())[:MOST_ROWS]
     ]
-    return (
-        Table(
-            header=(
-                words["setup"],
-                words["standard"],
-                words["runs"],
-                *(f"{symbol} / µm" for symbol in known.values()),
-            ),
-            rows=rows,
-        )
-        if known
-        else None
-    )
+    figures = (f"{symbol} / µm" for symbol in known.values())
+    header = (words["setup"], words["standard"], words["runs"], *figures)
+    return table_of(header, rows) if known else None
 
 
 def _standard(name: str, words: Mapping[str, str]) -> str:
@@ -337,7 +334,7 @@ VDI_FIGURES = {
 not an uncertainty."""
 
 
-def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
+def vdi_table(standards: Standards, words: Mapping[str, str], language: Language) -> Table | None:
     """Return the figures of VDI/DGQ 3441 of the runs that have them, a row per run; None without
     such runs.
     """
@@ -347,23 +344,13 @@ def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
         if facts is not None:
             rows.append(
                 (
-                    name,
+                    setup_words(name, language),
                     facts.standard,
                     *(shown(getattr(facts, figure), 2) for figure in VDI_FIGURES),
                 )
             )
-    return (
-        Table(
-            header=(
-                words["setup"],
-                words["standard"],
-                *(f"{symbol} / µm" for symbol in VDI_FIGURES.values()),
-            ),
-            rows=rows,
-        )
-        if rows
-        else None
-    )
+    figures = (f"{symbol} / µm" for symbol in VDI_FIGURES.values())
+    return table_of((words["setup"], words["standard"], *figures), rows)
 
 
 def _figure(facts: StandardFigures, name: str) -> float | None:
@@ -397,14 +384,8 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
         (name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES))
         for name, facts in measured.items()
     ]
-    return (
-        Table(
-            header=(words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES)),
-            rows=rows,
-        )
-        if rows
-        else None
-    )
+    header = (words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES))
+    return table_of(header, rows)
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -415,7 +396,7 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
     known = [*fit.items(), *((f"scale sum {name}_um", value) for name, value in total.items())]
     rows = [(_readable(name, words), shown(value)) for name, value in known if value is not None]
-    return Table(header=(), rows=rows) if rows else None
+    return table_of((), rows)
 
 
 def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
@@ -473,7 +454,7 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
 def history_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
     """Return the past events of the recording, if the result has them (``history``)."""
     rows = [(one.code, rendered(one.words, language)) for one in (result.history or ())[:MOST_ROWS]]
-    return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
+    return table_of((words["history_code"], words["history_text"]), rows)
 
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -483,7 +464,7 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
     A log packed since is the same log, and the report stays the same.
     """
     rows = [(one.name, one.sha256) for one in result.sources or ()]
-    return Table(header=(words["file"], "SHA-256"), rows=rows) if rows else None
+    return table_of((words["file"], "SHA-256"), rows)
 
 
 def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
@@ -496,7 +477,7 @@ def slips_table(result: Result, words: Mapping[str, str], language: Language) ->
         for each in result.unseen_slip or ()
     ]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
-    return Table(header=header, rows=rows) if rows else None
+    return table_of(header, rows)
 
 
 def _size(um: float | None) -> str:
@@ -530,14 +511,8 @@ def budget_table(
                 *[""] * (3 - len(named)),
             )
         )
-    return (
-        Table(
-            header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))),
-            rows=rows[:MOST_ROWS],
-        )
-        if rows
-        else None
-    )
+    header = (words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3)))
+    return table_of(header, rows[:MOST_ROWS])
 
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
@@ -563,4 +538,4 @@ def assumptions_table(result: Result, words: Mapping[str, str], language: Langua
         (source_words(source, words), rendered(text, language))
         for source, text in list(known.items())[:MOST_ROWS]
     ]
-    return Table(header=(), rows=rows) if rows else None
+    return table_of((), rows)

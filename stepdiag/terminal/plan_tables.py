@@ -115,6 +115,17 @@ def front_table(advice: Advice, *, verbose: bool) -> Table:
     return table
 
 
+def diagonals_in_words(advice: Advice) -> Message | None:
+    """Return the diagonals of the surveys in the list by their corners, the short name beside them;
+    None without a diagonal."""
+    plans = [advice.forecast.plan, *(each.plan for each in advice.front)]
+    lines = {setup_of(setup_of(run.setup).base) for plan in plans for run in plan.runs}
+    diagonals = [line for line in lines if not line.axis]
+    ordered = sorted(diagonals, key=lambda line: line.order)
+    named = [message("setup-named", setup=line.name) for line in ordered]
+    return message("diagonals-named", setups=named) if named else None
+
+
 def _floor(advice: Advice) -> Iterator[Message]:
     if floor_um := advice.forecast.ahead.of.floor_um:
         yield message("tables-leave", floor_um=floor_um)

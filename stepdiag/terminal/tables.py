@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import Finding, Severity
@@ -120,9 +119,11 @@ def quantity_table(result: Result) -> Table:
 def setup_table(result: Result) -> Table:
     """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
     table = empty_table(message("table-setups"))
+    table.columns[0].no_wrap = True
     for name, facts in result.setups.items():
         table.add_row(
-            Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um))
+            shown(message("setup-named", setup=name)),
+            *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um)),
         )
     return table
 

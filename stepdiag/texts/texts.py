@@ -11,7 +11,6 @@ from typing import Literal, get_args
 
 Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
-SECTIONS = ("common", "conclusion", "report", "page", "fleet")
 UNITS = {
     "um": "µm",
     "urad": "µrad",

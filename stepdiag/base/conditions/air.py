@@ -166,16 +166,6 @@ def refractive_index(
     return _EQUATIONS[equation](air, vacuum_wavelength_nm)
 
 
-def air_wavelength_nm(
-    air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen"
-) -> Vector:
-    """Return the wavelength in this air, shape of ``air``."""
-    wavelength: Vector = vacuum_wavelength_nm / refractive_index(
-        air, vacuum_wavelength_nm, equation
-    )
-    return wavelength
-
-
 def correction_factor(index: ArrayLike, done: Done) -> Vector:
     """Return the factor per stop that turns the instrument's length into the length in this air,
     shape (N,)."""

@@ -13,10 +13,8 @@ from stepdiag.report.drawings import svg
 Vector = NDArray[np.float64]
 
 WIDTH, HEIGHT = 460.0, 250.0
-SEEN = 1e-3
-"""Of the longest bar: a shorter bar shows only the last digits of a computer. The table of the
-figure has it.
-"""
+INTERVALS = 5
+"""Between the marks of an axis, before their distance is rounded."""
 NEAR_PX = 6.0
 """Largest distance in px from a node at which a pointer finds its value."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
@@ -50,10 +48,10 @@ class Scale:
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
 
 
-def ticks(low: float, high: float, wanted: int = 5) -> list[float]:
+def ticks(low: float, high: float) -> list[float]:
     """Return round values (1, 2 or 5 times a power of ten apart) that cover ``low`` to ``high``."""
     span = high - low
-    raw = span / wanted
+    raw = span / INTERVALS
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(
         factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9)

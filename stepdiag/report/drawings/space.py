@@ -25,9 +25,9 @@ LONGEST_PX = 36.0
 SHADES = 5
 
 
-def view_matrix(azimuth_deg: float = AZIMUTH_DEG, elevation_deg: float = ELEVATION_DEG) -> Array:
+def view_matrix() -> Array:
     """Return the (2, 3) matrix from machine axes to the sheet (right, up)."""
-    azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    azimuth, elevation = np.deg2rad(AZIMUTH_DEG), np.deg2rad(ELEVATION_DEG)
     right = [-np.sin(azimuth), np.cos(azimuth), 0.0]
     up = [
         -np.sin(elevation) * np.cos(azimuth),

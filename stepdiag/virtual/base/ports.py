@@ -47,8 +47,6 @@ class Line(Protocol):
 
     def read(self, timeout_s: float) -> bytes: ...
 
-    def fresh(self) -> bool: ...
-
 
 class SerialLine:
     """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged
@@ -76,10 +74,6 @@ class SerialLine:
     def plugged(self) -> bool:
         """Return whether the line exists at the moment."""
         return self._master >= 0
-
-    def fresh(self) -> bool:
-        """Return that no guest is new: a serial line does not report guests."""
-        return False
 
     def plug(self) -> None:
         """Create the line and point the link to it."""
@@ -163,7 +157,6 @@ class TcpLine:
         self._port = reserved_port()
         self._listener: socket.socket | None = None
         self._guest: socket.socket | None = None
-        self._came = False
         self.plug()
 
     @property
@@ -175,11 +168,6 @@ class TcpLine:
     def plugged(self) -> bool:
         """Return whether the port exists at the moment."""
         return self._listener is not None
-
-    def fresh(self) -> bool:
-        """Return whether a guest has come since this was asked for the last time."""
-        came, self._came = self._came, False
-        return came
 
     def plug(self) -> None:
         """Listen."""
@@ -236,7 +224,7 @@ class TcpLine:
         self._leave()
         guest.setblocking(False)
         guest.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._guest, self._came = guest, True
+        self._guest = guest
 
     def _leave(self) -> None:
         if self._guest is not None:

@@ -135,10 +135,6 @@ class VirtualBench:
         """Let a fault strike ``delay_s`` from now, or wait for its place."""
         self._faults.inject(fault, self._clock.wall_s())
 
-    def wait_finished(self, timeout_s: float) -> bool:
-        """Return whether the program came to its end within ``timeout_s``."""
-        return self._player.finished.wait(timeout_s)
-
     def _add_plc(self, directory: Path) -> None:
         part = self.config.plc
         if part is None:

@@ -21,7 +21,7 @@ from stepdiag.base.messages import message
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.recorder import FLUSH_S, SYNC_S, Recorder, RecorderHealth
-from stepdiag.daq.log.topics import Note, phase_note
+from stepdiag.daq.log.topics import Note, log_note
 from stepdiag.daq.records.events import Chunk, Event, Loss
 from testkit.recording import HEADER, START_NS, recording
 
@@ -199,7 +199,7 @@ def test_a_name_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
 def test_any_error_of_the_thread_is_told(bench: Bench) -> None:
     """No thread dies alone (style.md A3, rule 11)."""
     bench.recorder.begin(Path("/"), HEADER)
-    bench.recorder.note(phase_note(0, "dwelling"))
+    bench.recorder.note(log_note(0, "info", "words", "daq"))
     bench.admit(EVENTS[:1])
     wait_until(lambda: "dead" in bench.states)
     assert bench.recorder.health.state == "dead"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.names import BODY_DIAGONALS, SETUP_NUMBERS
-from stepdiag.base.volume import Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.programs import (
     CONTROLS,
     Sequence,
@@ -23,6 +23,7 @@ from stepdiag.exporters.programs import (
 )
 from stepdiag.exporters.programs.settings import program_section, program_template
 from testkit.exact.nc import RefusedError, Walk, walk_program
+from testkit.stops import diagonal_stops_mm, linear_stops_mm
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=4)
 PLAIN = Sequence(name="hall 3", volume=VOLUME)

@@ -19,6 +19,7 @@ from stepdiag.fleet.rows import RMS, About, Row
 from stepdiag.fleet.series import Series, Survey
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
+from stepdiag.fleet.trend import Trend, trends_of
 from testkit.hostile.foreign_logs import SURVEY, with_survey
 
 FIRST = datetime(2020, 1, 15, tzinfo=UTC)
@@ -34,6 +35,11 @@ def series_of(store: Store, machine: str = "", software: str = "") -> tuple[Seri
         if left.damaged:
             raise DataError(left.name, expected="a whole table", found=left.why)
     return history.series
+
+
+def trend_of(series: Series, tolerance: float | None = None) -> Trend:
+    """Return the trend of one series alone."""
+    return trends_of([series], lambda *_: tolerance)[0]
 
 
 def made_series(

@@ -19,7 +19,6 @@ from stepdiag.base.messages import Place, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.interval import Interval
-from stepdiag.base.volume import diagonal_stops_mm
 from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
 from stepdiag.daq.records.status import (
     CommandName,
@@ -39,6 +38,7 @@ from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
 from stepdiag.texts.texts import Language
 from testkit.exact.madeup import VOLUME, made_up_result
+from testkit.stops import diagonal_stops_mm
 
 Answer = TypeVar("Answer")
 REACH = Reach(

@@ -9,10 +9,11 @@ import pytest
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.readings.readings import make_readings
 from stepdiag.base.result.typed import written
-from stepdiag.base.volume import Volume, linear_stops_mm
+from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.standard_figures import linear_runs, standards_report
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DATA, DIAGONALS, Bench
+from testkit.stops import linear_stops_mm
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 200.0), increments=4)
 

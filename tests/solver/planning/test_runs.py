@@ -20,11 +20,10 @@ from stepdiag.base.volume import (
     BESIDE_EVEN,
     CLOSEST_MM,
     Volume,
-    diagonal_stops_mm,
     irregular_mm,
-    linear_stops_mm,
 )
 from stepdiag.solver.model.layout import lay_out
+from testkit.stops import diagonal_stops_mm, linear_stops_mm
 
 BOX = Volume(origin_mm=(10.0, -20.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 DIAGONALS = tuple(Run(setup=name) for name in BODY_DIAGONALS)

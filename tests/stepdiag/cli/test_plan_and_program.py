@@ -193,6 +193,7 @@ class TestPlan:
         told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
         assert "forecast: U (k = 2)" in told.out
         assert "surveys worth their time" in told.out
+        assert "diagonal X+Y-Z- to X-Y+Z+ (npp)" in told.out
         assert "BEST SURVEY" in told.out
         assert (
             "U (k = 2) assumes these sizes where the readings do not show them: angular errors "

@@ -38,9 +38,9 @@ class TestSolve:
         assert cells(told.out, "EYX")[5] == "yes"
         assert cells(told.out, "scale X") == ["scale X", "-", "-", "µm/m", "NO"]
         assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.2)
-        assert float(cells(told.out, "ppp")[1]) == pytest.approx(0.4, abs=0.05), (
-            "the mirror's tilt in mrad"
-        )
+        assert float(cells(told.out, "diagonal X-Y-Z- to X+Y+Z+ (ppp)")[1]) == pytest.approx(
+            0.4, abs=0.05
+        ), "the mirror's tilt in mrad"
         assert "WARNING unidentified" in told.out
 
     def test_for_programs_it_prints_the_bytes_that_it_writes(self, tmp_path):

@@ -72,6 +72,15 @@ def test_before_anything_was_recorded_everything_is_to_do(survey):
     assert "nothing recorded yet" in stepdiag("status", survey).out
 
 
+def test_the_table_names_diagonals_by_their_corners(survey):
+    rows = [line for line in stepdiag("status", survey).out.splitlines() if "to do │" in line]
+    assert [row.split("│")[1].strip() for row in rows] == [
+        "diagonal X-Y-Z- to X+Y+Z+ (ppp)",
+        "diagonal X+Y-Z- to X-Y+Z+ (npp)",
+    ]
+    assert max(map(len, rows)) <= 80
+
+
 def test_what_is_whole_is_kept(survey):
     record(survey, 1, stops_of("ppp"))
     said = told(survey)
@@ -83,7 +92,8 @@ def test_what_is_whole_is_kept(survey):
 def test_a_pass_left_in_the_middle_goes_on_from_its_last_stop(survey):
     record(survey, 1, stops_of("ppp", only=range(4)), finish=False)
     out = stepdiag("status", survey).out
-    assert "ppp: pass 1: stops 5–10 are missing: drive again from stop 4 on" in out
+    missing = "pass 1: stops 5–10 are missing: drive again from stop 4 on"
+    assert f"diagonal X-Y-Z- to X+Y+Z+ (ppp): {missing}" in out
     assert "0001.mcap.part: not closed: it is being written, or it was cut off" in out
     assert "next: diagonal X-Y-Z- to X+Y+Z+ (ppp)" in out
 
@@ -195,7 +205,7 @@ def test_of_a_way_back_that_the_plan_does_not_want_nothing_is_asked(survey):
     back[1] = marked(back[1], message("window-step", step_um=4.0))
     record(survey, 1, [*stops_of("ppp", only=range(5)), *back])
     out = stepdiag("status", survey).out
-    assert "ppp: pass 1: stops 6–10 are missing" in out
+    assert "diagonal X-Y-Z- to X+Y+Z+ (ppp): pass 1: stops 6–10 are missing" in out
     assert "pass 2" not in out
 
 

@@ -24,12 +24,20 @@ from stepdiag.fleet.series import Survey
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.terminal import as_csv, as_json, leaves
-from stepdiag.fleet.trend import YEAR, already_perhaps, statements, trend_of, trends_of
+from stepdiag.fleet.trend import YEAR, already_perhaps, statements, trends_of
 from stepdiag.texts.texts import UNITS
 from testkit.browsing import visit
 from testkit.cli import stepdiag
 from testkit.examples import few
-from testkit.fleets import FIRST, About, made_series, series_of, whole_result_rows, write_history
+from testkit.fleets import (
+    FIRST,
+    About,
+    made_series,
+    series_of,
+    trend_of,
+    whole_result_rows,
+    write_history,
+)
 
 QUARTER = timedelta(days=91)
 SQUARENESS = "C0Y"

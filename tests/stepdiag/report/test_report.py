@@ -43,7 +43,8 @@ from stepdiag.report.sections import budget_table, conditions_table
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.model.reported import SCALE_SUM, backlash, reversal, shape, sloped
-from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
+from stepdiag.texts.texts import LANGUAGES, Language, catalogue
+from testkit.catalogue import SECTIONS
 from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.exact.members import members
 from testkit.exact.surveys import solved

@@ -71,8 +71,8 @@ def test_lengths_stand_both_ways_and_those_in_the_tables_are_marked(language):
 def test_linear_figures_stand_with_u_and_the_lengths_they_are_of_are_said_once():
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     standards = standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]})
-    row, _ = positioning_table(standards, words).rows
-    assert row == ("linear-x", "ISO 230-2:2014", "5", "7.0 ± 1.0", "3.00 ± 0.50")
+    row, _ = positioning_table(standards, words, "en").rows
+    assert row == ("linear run X (linear-x)", "ISO 230-2:2014", "5", "7.0 ± 1.0", "3.00 ± 0.50")
     assert positioning_lengths(standards, words) == "lengths as measured"
     assert (
         positioning_lengths(standards_of({"linear-x": [VDI]}), words)
@@ -84,18 +84,34 @@ def test_linear_figures_stand_with_u_and_the_lengths_they_are_of_are_said_once()
 def test_lengths_that_differ_stand_in_the_rows_they_are_of():
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     standards = standards_of({"linear-x": [ISO], "linear-y": [{**ISO, "lengths": "at 20 C"}]})
-    assert [row[1] for row in positioning_table(standards, words).rows] == [
+    assert [row[1] for row in positioning_table(standards, words, "en").rows] == [
         "ISO 230-2:2014, lengths as measured",
         "ISO 230-2:2014, lengths at 20 °C",
     ]
     assert positioning_lengths(standards, words) == ""
 
 
+def test_figures_along_a_diagonal_stand_beside_its_corners():
+    words = {**catalogue("common", "de"), **catalogue("report", "de")}
+    (row,) = positioning_table(standards_of({"npp": [ISO]}), words, "de").rows
+    assert row[0] == "Diagonale X+Y-Z- nach X-Y+Z+ (npp)"
+
+
 def test_vdi_3441_stands_beside_where_a_run_has_it():
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
-    (row,) = vdi_table(standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]}), words).rows
-    assert row == ("linear-x", "VDI/DGQ 3441:1977", "7.50", "4.00", "3.00", "2.90", "0.40", "0.30")
-    assert vdi_table(standards_of({"linear-y": [ISO], "linear-z": "nonsense"}), words) is None
+    (row,) = vdi_table(standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]}), words, "en").rows
+    assert row == (
+        "linear run X (linear-x)",
+        "VDI/DGQ 3441:1977",
+        "7.50",
+        "4.00",
+        "3.00",
+        "2.90",
+        "0.40",
+        "0.30",
+    )
+    neither = standards_of({"linear-y": [ISO], "linear-z": "nonsense"})
+    assert vdi_table(neither, words, "en") is None
 
 
 def test_the_largest_vector_is_a_bound() -> None:

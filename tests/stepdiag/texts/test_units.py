@@ -9,7 +9,8 @@ from typer.main import get_command
 from stepdiag.cli.app import app, build
 from stepdiag.texts.explained import explanations
 from stepdiag.texts.patterns import sentences
-from stepdiag.texts.texts import LANGUAGES, SECTIONS, UNITS, Language, catalogue
+from stepdiag.texts.texts import LANGUAGES, UNITS, Language, catalogue
+from testkit.catalogue import SECTIONS
 
 ASCII_UNIT = re.compile(
     r"(?<=[\d}] )um\b(?! \{| etwa)|(?<![\w{._-])um(?=/)|(?<![\w{._-])urad(?![\w}:`])|\u03bc"

@@ -112,4 +112,4 @@ def test_registers_that_stand_still_close_no_stop(tmp_path):
             live = stepdiag("status", place.survey).out
         nothing_silently_wrong(place)
     assert "heartbeat-still" in {each.get("code") for each in said}
-    assert "ppp: pass 1" in live
+    assert "(ppp): pass 1" in live

@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 
@@ -45,8 +46,8 @@ def until(what, timeout_s=60.0):
 def bench_of(tmp_path):
     opened = []
 
-    def build(text=QUICK):
-        bench = VirtualBench(load_config(text), tmp_path)
+    def build(text=QUICK, tell=None):
+        bench = VirtualBench(load_config(text), tmp_path, tell=tell)
         bench.start()
         opened.append(bench)
         return bench
@@ -96,10 +97,16 @@ def positions(registers):
 
 @pytest.mark.parametrize("transport", ["tcp", "rtu"])
 def test_a_master_follows_the_program_to_its_end(bench_of, master_of, transport):
-    bench = bench_of(PATIENT + f'[plc]\ntransport = "{transport}"\n')
+    finished = threading.Event()
+
+    def tell(event):
+        if event["event"] == "finished":
+            finished.set()
+
+    bench = bench_of(PATIENT + f'[plc]\ntransport = "{transport}"\n', tell)
     client = master_of(bench)
     stops = {}
-    while not bench.wait_finished(0.02):
+    while not finished.wait(0.02):
         registers = block(client)
         if registers[2] & 1:
             stops[registers[1]] = (registers[3], positions(registers))

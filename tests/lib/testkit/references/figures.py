@@ -6,16 +6,17 @@ from stepdiag.base.conditions.air import (
     Air,
     AirUncertainty,
     Done,
-    air_wavelength_nm,
     ciddor_index,
     displacement_mm,
     edlen_index,
     index_u,
+    refractive_index,
     saturation_pressure_pa,
 )
 from stepdiag.base.conditions.expansion import expansion_um, reading_at_20_c_mm
 from stepdiag.base.kinematics import abbe_mask, cross_matrix, parse_chain
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, run_stops_mm
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.json_tree import Node
 from stepdiag.base.result.typed import read_or_none, written
@@ -24,9 +25,6 @@ from stepdiag.base.volume import (
     Volume,
     anywhere_mm,
     diagonal_direction,
-    diagonal_nodes,
-    diagonal_stops_mm,
-    linear_stops_mm,
     reads_like_metres,
 )
 from stepdiag.solver.fourdof.axes import Mount, axis_errors
@@ -72,7 +70,8 @@ def _of_air(one):
     u = AirUncertainty(temperature_c=0.2, pressure_hpa=0.7, humidity_percent=4.0)
     index = edlen_index(of, one["wavelength_nm"])
     wave_nm = {
-        name: air_wavelength_nm(of, one["wavelength_nm"], name) for name in ("edlen", "ciddor")
+        name: one["wavelength_nm"] / refractive_index(of, one["wavelength_nm"], name)
+        for name in ("edlen", "ciddor")
     }
     lengths = {
         str(done.value): 1e6
@@ -297,17 +296,27 @@ def geometry(given):
         ],
         "cross": cross_matrix(np.array([[1.0, 2.0, 4.0]])),
         "nodes": {
-            f"{name} {order}": diagonal_nodes(volume, name, order)
+            f"{name} {order}": _nodes(volume, _stops_mm(volume, name, order))
             for name in BODY_DIAGONALS
             for order in ("xyz", "zxy")
         },
-        "stops_mm": {name: diagonal_stops_mm(volume, name) for name in BODY_DIAGONALS},
-        "linear_mm": {name: linear_stops_mm(volume, name) for name in LINEAR_RUNS},
+        "stops_mm": {name: _stops_mm(volume, name) for name in BODY_DIAGONALS},
+        "linear_mm": {name: _stops_mm(volume, name) for name in LINEAR_RUNS},
         "directions": {name: diagonal_direction(volume, name) for name in BODY_DIAGONALS},
         "step_mm": volume.step_mm,
         "anywhere_mm": anywhere_mm(volume)[::97],
         "metres": [reads_like_metres(size) for size in given["sizes"]],
     }
+
+
+def _stops_mm(volume, setup, order="xyz"):
+    run = Run(setup=setup)
+    return run_stops_mm(Plan(volume=volume, runs=(run,), axis_order=order), run)
+
+
+def _nodes(volume, stops_mm):
+    steps = (stops_mm - np.array(volume.origin_mm)) / np.array(volume.step_mm)
+    return np.rint(steps).astype(np.int64)
 
 
 CALLS = {
