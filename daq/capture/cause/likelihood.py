@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message
 from stepdiag.daq.capture.naming.route import Route, agrees
+from stepdiag.daq.capture.naming.walk import BESIDE_MM, RANGE_MM, log_normal
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
-BESIDE_MM, RANGE_MM = 0.1, 1000.0
 STEP_MM, STEP_SHARE = 0.02, 0.01
 """A step of the laser is off by settling and rounded positions, and by a mirror that leans: the
 cosine of a bad alignment is 1e-3."""
@@ -314,6 +314,6 @@ def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
     """Return the logarithm of the density of residuals: a normal one, or an outlier anywhere in the
     range; NaN where unknown."""
-    normal = np.exp(-0.5 * (off / scatter) ** 2) / (scatter * math.sqrt(2 * math.pi))
+    normal = np.exp(log_normal(off, scatter))
     density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)
     return density
