@@ -18,7 +18,7 @@ from stepdiag.daq.capture.naming.route import agrees, route_of
 from stepdiag.daq.capture.naming.walk import FAULT, SURE, Chain, Look, Path
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import find_plateaus
+from stepdiag.daq.capture.standing.window import EDGE_NS, find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer
@@ -32,8 +32,6 @@ standstill.
 """
 ENDING_NS = 1_000_000_000
 """After a lost count the stops before it are still being taken for so long."""
-EDGE_NS = 40_000_000
-"""The last bins of a plateau may hold the beginning of the move."""
 LONG = 2.5
 """A standstill of so many dwells is taken while it lasts: after the last stop the machine may stand
 for ever."""

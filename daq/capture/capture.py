@@ -30,7 +30,12 @@ from stepdiag.daq.capture.standing.certain_window import (
     unbroken_parts,
     watched_closely,
 )
-from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker, Standstills
+from stepdiag.daq.capture.standing.dwell import (
+    SAMPLES_WAIT_NS,
+    Dwell,
+    DwellTracker,
+    Standstills,
+)
 from stepdiag.daq.capture.standing.window import Placing
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
@@ -39,8 +44,6 @@ from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
-SAMPLES_WAIT_NS = 500_000_000
-"""Longest wait in ns for the samples of a closed dwell before the dwell is judged without them."""
 FAR_NS = 1 << 62
 """A time after everything: the log has ended, nothing is waited for."""
 LAG_S = 0.5
@@ -272,8 +275,7 @@ class Capture:
             )
             if self._skip_open:
                 return
-            if closed is not None:
-                closed = None
+            closed = None
         if closed is not None and closed.from_ns != self._taken_from_ns:
             self._pending.add(closed)
 

@@ -20,7 +20,6 @@ from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.certain_window import (
-    MIN_SAMPLES,
     Taken,
     came_along,
     certain_windows,
@@ -29,7 +28,13 @@ from stepdiag.daq.capture.standing.certain_window import (
     watched_closely,
 )
 from stepdiag.daq.capture.standing.dwell import Dwell
-from stepdiag.daq.capture.standing.window import Placing, find_plateaus, summarise
+from stepdiag.daq.capture.standing.window import (
+    EDGE_NS,
+    LEAST_SAMPLES,
+    Placing,
+    find_plateaus,
+    summarise,
+)
 from stepdiag.daq.formats.signals import SignalMap, Signals, resolution
 from stepdiag.daq.records.events import Link
 from stepdiag.daq.survey.models import StopRules, Survey
@@ -421,10 +426,6 @@ class PositionCheck:
         return 0.0 if spec is None else resolution(spec, value_mm)
 
 
-PLATEAU_MARGIN_NS = 40_000_000
-"""Left off the end of a plateau: its last bins may hold the start of the next move."""
-
-
 def plateau_window(
     stream: StreamBuffer, from_ns: float, to_ns: float, expected_mm: float, rules: StopRules
 ) -> Taken | None:
@@ -433,7 +434,7 @@ def plateau_window(
     span = stream.span(from_ns, to_ns)
     for plateau in find_plateaus(span.time_ns, span.position_mm, rules.min_window_s):
         if agrees(plateau.level_mm - expected_mm, 0.0):
-            end = plateau.to_ns - PLATEAU_MARGIN_NS
+            end = plateau.to_ns - EDGE_NS
             begin = min(plateau.from_ns + rules.settle_s * 1e9, (plateau.from_ns + end) / 2)
             return take(stream.span(begin, end), begin, end, rules, stream.resolution_um)
     return None
@@ -490,7 +491,9 @@ def make_head_stop(
     """
     made = make_stop(route, stop, signals, taken, head, wall_offset_ns)
     seen = laser.span(taken.from_ns, taken.to_ns).position_mm
-    reading = float(np.mean(seen)) if len(seen) >= MIN_SAMPLES and np.isfinite(seen).all() else None
+    reading = (
+        float(np.mean(seen)) if len(seen) >= LEAST_SAMPLES and np.isfinite(seen).all() else None
+    )
     return msgspec.structs.replace(made, reading_mm=reading)
 
 
@@ -502,7 +505,7 @@ def _head_means(
     if head is None:
         return (), ()
     span = head.span(taken.from_ns, taken.to_ns)
-    if span.channels is None or len(span.channels) < MIN_SAMPLES:
+    if span.channels is None or len(span.channels) < LEAST_SAMPLES:
         return (), ()
     columns = [summarise(span.time_ns * 1e-9, column) for column in span.channels.T]
     return tuple(column.mean_mm for column in columns), tuple(

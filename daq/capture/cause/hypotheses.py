@@ -11,7 +11,6 @@ from stepdiag.base.names import AXES, SETUP_NUMBERS
 from stepdiag.base.readings.runs import Plan, order_of
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.cause.likelihood import (
-    BESIDE_MM,
     CONFIRMED,
     EDGE_S,
     LEAST_LATE_S,
@@ -23,6 +22,7 @@ from stepdiag.daq.capture.cause.likelihood import (
 )
 from stepdiag.daq.capture.log_start import PassHint
 from stepdiag.daq.capture.naming.route import Route, route_of
+from stepdiag.daq.capture.naming.walk import BESIDE_MM
 from stepdiag.daq.survey.models import Survey
 
 FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 2.0, 0.5)

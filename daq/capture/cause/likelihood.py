@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message
 from stepdiag.daq.capture.naming.route import Route, agrees
+from stepdiag.daq.capture.naming.walk import BESIDE_MM, RANGE_MM, log_normal, noise_mm
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
-BESIDE_MM, RANGE_MM = 0.1, 1000.0
-STEP_MM, STEP_SHARE = 0.02, 0.01
-"""A step of the laser is off by settling and rounded positions, and by a mirror that leans: the
-cosine of a bad alignment is 1e-3."""
 OUTLIER = 1e-3
 CAUSE, SURE = 6.0, 7.0
 """A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
@@ -183,9 +180,7 @@ class Evidence:
         count, shown = len(self), self.shown_mm()
         wanted, steps = cause.steps_mm(count), self.steps_mm(cause.late_s)
         score = self.in_time(cause) - CAUSE * bool(cause.changes) - FREE * cause.free
-        score += float(
-            np.nansum(_log_likelihood(steps - wanted, STEP_MM + STEP_SHARE * np.abs(wanted)))
-        )
+        score += float(np.nansum(_log_likelihood(steps - wanted, noise_mm(wanted))))
         if shown is not None:
             score += float(
                 np.sum(
@@ -203,8 +198,8 @@ class Evidence:
         last standstill that is a stop.
         """
         shown = self.shown_mm()
-        usual_mm = STEP_MM + STEP_SHARE * float(np.median(np.abs(np.diff(route.nominal_mm))))
-        alike = float(_log_likelihood(np.zeros(1), np.array([usual_mm]))[0])
+        usual_mm = noise_mm(np.median(np.abs(np.diff(route.nominal_mm)), keepdims=True))
+        alike = float(_log_likelihood(np.zeros(1), usual_mm)[0])
         placed = 3 * float(_log_likelihood(np.zeros(1), np.array([BESIDE_MM]))[0])
         paths: dict[tuple[int, int], float] = {(-1, -1): 0.0}
         for number, stand in enumerate(self.stands):
@@ -241,9 +236,7 @@ class Evidence:
                     if before is not None and stand.reading_mm is not None:
                         wanted = route.step_mm(stop, there)
                         off = np.array([stand.reading_mm - before - wanted])
-                        found += float(
-                            _log_likelihood(off, np.array([STEP_MM + STEP_SHARE * abs(wanted)]))[0]
-                        )
+                        found += float(_log_likelihood(off, noise_mm(np.array([wanted])))[0])
                     elif number:
                         found += alike
                     reach((there, number), found)
@@ -314,6 +307,6 @@ def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
     """Return the logarithm of the density of residuals: a normal one, or an outlier anywhere in the
     range; NaN where unknown."""
-    normal = np.exp(-0.5 * (off / scatter) ** 2) / (scatter * math.sqrt(2 * math.pi))
+    normal = np.exp(log_normal(off, scatter))
     density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)
     return density

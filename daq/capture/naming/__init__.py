@@ -31,7 +31,9 @@ signals.
 
 A later standstill may change the names of earlier ones. These are placed again by their new names.
 
-`finder` chooses the setup by the signals, and the direction by the first standstill. `walk.Walk`
+`finder` chooses the setup by the signals, and the direction by the first standstill: of the two
+beginnings, the pass that goes on and the pass in the other direction, it takes the more probable
+one, by the chain's rates of a stop that is not seen and of a program begun anew. `walk.Walk`
 compares the names with counter and laser, and states what disagrees. `route` holds the stops of a
 pass, and judges a step.
 """

@@ -1,5 +1,6 @@
 """The driven pass of the plan: its setup by the signals, its direction by the first standstill."""
 
+import math
 from collections.abc import Sequence
 
 import msgspec
@@ -12,9 +13,16 @@ from stepdiag.base.setups import CODED_FROM, setup_of, setups_meant
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.naming.route import Route, agrees, route_of
-from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, COUNTER_TRUSTED, Walk, stop_reading
+from stepdiag.daq.capture.naming.walk import (
+    AGAIN,
+    BEGUN_ANEW,
+    COUNTER_TRUSTED,
+    FAULT,
+    Walk,
+    stop_reading,
+)
 from stepdiag.daq.capture.outcome import Ended
-from stepdiag.daq.capture.standing.dwell import count_steps
+from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 
@@ -100,8 +108,10 @@ class PassFinder:
         out, back = (route_of(survey.planned, setup, number) for number in hint.numbers)
         there = self._place(out, hint, signals, reading_mm)
         if there is not None:
-            gone_by = self._gone_by(signals)
-            hint = _directed(hint, there, len(out), gone_by, returns=survey.plan.return_pass)
+            odds = _turned_odds(
+                hint, there, len(out), self._gone_by(signals), returns=survey.plan.return_pass
+            )
+            hint = _turned(hint) if odds > 0.0 else hint
         self.turn = (
             hint.turn if hint.turn is not None and hint.turn.outward is not hint.outward else None
         )
@@ -142,31 +152,45 @@ class PassFinder:
         return stop_reading(forward, hint.known, reading_mm)
 
 
-def _directed(
-    hint: PassHint, there: int, count: int, gone_by: int | None, *, returns: bool
-) -> PassHint:
-    """Return where a setup stands once the machine was seen at a stop of the outward route.
+def _turned(hint: PassHint) -> PassHint:
+    """Return where a setup stands that has begun its pass in the other direction."""
+    anew = {} if hint.next_stop == 0 else {"next_stop": 0, "last_reading_mm": None, "turn": None}
+    return msgspec.structs.replace(hint, outward=not hint.outward, **anew)
 
-    A pass that was left in the middle goes on in its direction, unless the machine stands where a
-    pass in the other direction begins, or has come to more stops since than the pass has left: then
-    it is on its way back, however many of them were seen.
+
+def _turned_odds(
+    hint: PassHint, there: int, count: int, gone_by: int | None, *, returns: bool
+) -> float:
+    """Return the logarithm of the odds that a setup seen at a stop of the outward route has begun
+    its pass in the other direction, against the pass that goes on.
+
+    The program drove on past the end and on its way back, however many stops were seen, or was
+    begun anew at the other end. Stops that the counter shows are no coincidence.
     """
     along = there if hint.outward else count - 1 - there
-    counted = None if gone_by is None else hint.next_stop - 1 + gone_by
+    back, left = count - 1 - along, count - hint.next_stop
     if hint.next_stop == 0:
-        goes_on = bool(hint.known) and counted is not None and along in (counted, counted + 1)
-        nearer = hint.outward if 2 * there == count - 1 else 2 * there < count
-        return hint if goes_on else msgspec.structs.replace(hint, outward=nearer)
-    begins = (
-        along == count - 1
-        and along not in (hint.next_stop, counted)
-        and (returns or not hint.outward)
+        known = gone_by if hint.known else None
+        return _unseen(along, along, known) - _unseen(back, None, known)
+    on = along - hint.next_stop
+    goes_on = (
+        _unseen(on, on + 1, gone_by, twice=False) if on >= 0 else FAULT + _unseen(0, None, gone_by)
     )
-    if begins or (returns and counted is not None and _turned(counted - count, count - 1 - along)):
-        return msgspec.structs.replace(
-            hint, outward=not hint.outward, next_stop=0, last_reading_mm=None, turn=None
-        )
-    return hint
+    if hint.outward and not returns:
+        return -math.inf
+    turned = FAULT + _unseen(left + back, left + back if returns else None, gone_by)
+    begun = FAULT + _unseen(0, None, gone_by) if back == 0 else math.inf
+    return goes_on - min(turned, begun)
+
+
+def _unseen(stops: int, counts: int | None, gone_by: int | None, *, twice: bool = True) -> float:
+    """Return the cost of stops that were not seen. The counter shows so many ``counts``, or one
+    more where a program stands ``twice`` at the turn; None for no certain number."""
+    if gone_by is not None and counts is not None and gone_by - counts in (0, int(twice)):
+        return FAULT if stops else 0.0
+    return (FAULT + AGAIN * stops if stops else 0.0) + (
+        0.0 if gone_by is None else math.log(COUNT_MODULUS)
+    )
 
 
 def _begun_anew(route: Route, readings: Sequence[float]) -> bool:
@@ -176,12 +200,6 @@ def _begun_anew(route: Route, readings: Sequence[float]) -> bool:
     return all(
         agrees(step, route.step_mm(stop, stop + 1)) for stop, step in enumerate(np.diff(readings))
     )
-
-
-def _turned(beyond: int, back: int) -> bool:
-    """Return whether the stops beyond the end of a pass lead to this one of the way back: a program
-    stands at the turn twice, or once."""
-    return beyond >= 0 and back in (beyond, beyond + 1)
 
 
 def _mirrored(stop: int, hint: PassHint, route: Route) -> int:

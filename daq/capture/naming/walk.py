@@ -12,6 +12,7 @@ from stepdiag.base.messages import Message, Place, Way, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.naming.route import Route, judge_step
 from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, STILL_MM, count_steps
+from stepdiag.daq.capture.standing.window import SIGMAS
 from stepdiag.daq.formats.signals import Signals
 
 FAULT, HOLD, FAILURE, RARE = 5.0, 6.0, 8.0, 10.0
@@ -168,7 +169,7 @@ class Chain:
         if look.reading_mm is None or path.left_mm is None or not 0 < stop < len(counted):
             return
         off = np.abs(look.reading_mm - path.left_mm) - steps_mm
-        alike = float(np.logaddexp.reduce(_normal(off, _noise_mm(steps_mm))))
+        alike = float(np.logaddexp.reduce(log_normal(off, noise_mm(steps_mm))))
         cost = AGAIN if path.astray else RARE + math.log(2 * len(off))
         score = path.score - cost - float(counted[stop]) + alike
         yield replace(_at(path, look, stop, score, bool(counted[stop])), astray=True)
@@ -237,18 +238,18 @@ def _read(
     anchor = np.where(np.isin(to, stops) | (last_stop not in known), nearest, last_stop)
     way_mm = route.nominal_mm - route.nominal_mm[anchor]
     off = reading_mm - np.array([known[int(stop)] for stop in anchor]) - way_mm
-    noise = _noise_mm(way_mm)
-    slipped = np.logaddexp(_normal(off, SLIP_MM), -math.log(RANGE_MM)) - FAILURE
-    return np.logaddexp(_normal(off, noise), slipped), np.abs(off) < 5 * noise
+    noise = noise_mm(way_mm)
+    slipped = np.logaddexp(log_normal(off, SLIP_MM), -math.log(RANGE_MM)) - FAILURE
+    return np.logaddexp(log_normal(off, noise), slipped), np.abs(off) < SIGMAS * noise
 
 
-def _noise_mm(way_mm: NDArray[np.floating]) -> Costs:
+def noise_mm(way_mm: NDArray[np.floating]) -> Costs:
     """Return the noise of a step of the laser."""
     noise: Costs = 0.5 * STILL_MM + STEP_SHARE * np.abs(way_mm)
     return noise
 
 
-def _normal(off: Costs, scale: float | Costs) -> Costs:
+def log_normal(off: Costs, scale: float | Costs) -> Costs:
     """Return the logarithm of a normal density."""
     density: Costs = -0.5 * (off / scale) ** 2 - np.log(scale * math.sqrt(2 * math.pi))
     return density

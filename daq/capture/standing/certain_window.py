@@ -15,6 +15,7 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import (
+    LEAST_SAMPLES,
     RESOLUTION_FLOOR_UM,
     Placing,
     Window,
@@ -24,8 +25,6 @@ from stepdiag.daq.capture.standing.window import (
 from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
-MIN_SAMPLES = 3
-"""Fewer samples do not show their own scatter. A polled display gives no more in a short dwell."""
 LOOK_BACK_NS = 5_000_000_000
 AWAY_MM = 0.2
 """Distance in mm beyond which a machine is on its way: no machine swings so far, and no drive
@@ -146,7 +145,7 @@ def take(
 ) -> Taken | None:
     """Return the statistics of a span of readings, its bounds, and why it is not steady; None where
     it holds too few samples."""
-    if len(span.time_ns) < MIN_SAMPLES:
+    if len(span.time_ns) < LEAST_SAMPLES:
         return None
     least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
     window = summarise(span.time_ns * 1e-9, span.position_mm, least_um)

@@ -33,7 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.standing.window import Placing
+from stepdiag.daq.capture.standing.window import LEAST_SAMPLES, Placing
 from stepdiag.daq.formats.signals import Signals
 
 STILL_MM = 0.02
@@ -219,7 +219,6 @@ MOST = 0.5
 """Share of the first dwell's samples that decides without a seen move between two dwells; its very
 first samples may still be of the move.
 """
-LEAST_SAMPLES = 3
 RECENT = 9
 RECENT_MS = 50
 """The end of one dwell and the beginning of the next are compared, and all between them. The newest
@@ -228,8 +227,8 @@ LEAST_MS = 20
 """Time in ms for which a dwell seen by a single poll is looked at, unless enough samples come
 first.
 """
-SAMPLES_MS = 500
-"""Wait in ms for the samples of a new dwell."""
+SAMPLES_WAIT_NS = 500_000_000
+"""Longest wait in ns for the samples of a dwell before the dwell is judged without them."""
 MS = 1_000_000
 
 
@@ -274,7 +273,7 @@ class Standstills:
         while len(self._waiting) > 1:
             following = self._waiting[1].dwell
             one = _one(self._waiting[0], following, placing)
-            if one is None and now_ns - following.from_ns < SAMPLES_MS * MS:
+            if one is None and now_ns - following.from_ns < SAMPLES_WAIT_NS:
                 return False
             if not one:
                 return True
@@ -282,7 +281,7 @@ class Standstills:
         if going_on is None:
             return now_ns - self._waiting[0].end_ns >= FLICKER_NS
         one = _one(self._waiting[0], going_on, placing)
-        return now_ns - going_on.from_ns >= SAMPLES_MS * MS if one is None else not one
+        return now_ns - going_on.from_ns >= SAMPLES_WAIT_NS if one is None else not one
 
     def take(self) -> Dwell:
         """Return the first standstill, which waits no longer."""
@@ -349,7 +348,7 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
     """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
     poll, or of the few that follow.
     """
-    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_MS * MS))
+    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_WAIT_NS))
     shown, begun = np.searchsorted(
         span.time_ns,
         [max(dwell.to_ns, dwell.from_ns + LEAST_MS * MS), dwell.from_ns + RECENT_MS * MS],

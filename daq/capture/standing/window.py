@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.timing.stream import Break, Span
 
-OUTLIER_SIGMAS = 5.0
+SIGMAS = 5.0
+"""Noise is smaller than so many of its standard deviations."""
+LEAST_SAMPLES = 3
+"""Fewer samples do not show their own scatter. A polled display gives no more in a short dwell."""
 BLOCKS = 256
 """Autocorrelation is looked for on block means: a window of any length costs the same."""
 RESOLUTION_FLOOR_UM = 0.002
@@ -23,6 +26,8 @@ two nanometres are the least step of the finest known instrument.
 """
 MAD_TO_SIGMA = 1.4826
 BIN_NS = 20_000_000
+EDGE_NS = 2 * BIN_NS
+"""The last bins of a plateau may hold the beginning of the move."""
 QUIET_UM = 3.0
 """Neighbouring 20 ms means of a standing machine differ by less; at the slowest feed in use (10
 mm/min) a moving one goes 3.3 um."""
@@ -101,7 +106,7 @@ def inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which samples are no outliers, shape (n,), from their deviations from the median."""
     robust = MAD_TO_SIGMA * float(np.median(np.abs(deviation_um)))
     floor = max(robust, _resolution_um(deviation_um))
-    keep: NDArray[np.bool_] = np.abs(deviation_um) <= OUTLIER_SIGMAS * floor
+    keep: NDArray[np.bool_] = np.abs(deviation_um) <= SIGMAS * floor
     return keep
 
 
@@ -118,7 +123,7 @@ def _resolution_um(values: NDArray[np.float64]) -> float:
 def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
     """Return the least-squares slope and its standard uncertainty, correlation of the samples
     allowed for, per second."""
-    if len(values) < 3:
+    if len(values) < LEAST_SAMPLES:
         return 0.0, 0.0
     centred = time_s - np.mean(time_s)
     spread = float(centred @ centred)
@@ -190,7 +195,6 @@ NEAR = 3
 """Blocks compared on either side of a step: a step is sharp, a slower change is a drift."""
 SHARP = 0.7
 LEAST_STEP_UM = 0.5
-STEP_SIGMAS = 5.0
 UNLIKE_A_DRIFT = 0.35
 """Two levels explain the window if they leave at most so much of the squares that a straight line
 leaves."""
@@ -258,7 +262,7 @@ def step_in_um(position_mm: NDArray[np.float64]) -> float:
     rest = blocks - np.where(np.arange(count) < at, before, after)
     sharp = float(np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at]))
     step = after - before
-    seen = abs(step) > max(LEAST_STEP_UM, STEP_SIGMAS * float(np.std(rest)))
+    seen = abs(step) > max(LEAST_STEP_UM, SIGMAS * float(np.std(rest)))
     two_levels = float(rest @ rest) < UNLIKE_A_DRIFT * _squares_of_a_line(blocks)
     return step if seen and two_levels and abs(sharp) > SHARP * abs(step) else 0.0
 

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from stepdiag.daq.capture.standing.certain_window import certain_windows
 from stepdiag.daq.capture.standing.dwell import Dwell
-from stepdiag.daq.capture.stop_capture import PLATEAU_MARGIN_NS, plateau_window
+from stepdiag.daq.capture.standing.window import EDGE_NS
+from stepdiag.daq.capture.stop_capture import plateau_window
 from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import StopRules
@@ -82,5 +83,5 @@ def test_of_a_plateau_shorter_than_twice_the_settling_half_is_taken():
     taken = plateau_window(buffer, 0.0, 2500 * MS, 0.0, StopRules(settle_s=0.4, min_window_s=0.1))
     assert taken is not None
     assert taken.window.mean_mm == 0.0
-    whole_ns = 500 * MS - PLATEAU_MARGIN_NS
+    whole_ns = 500 * MS - EDGE_NS
     assert abs((taken.to_ns - taken.from_ns) - whole_ns / 2) < 20 * MS
