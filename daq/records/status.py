@@ -257,6 +257,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """
     strip: StripStatus | None = None
     result_ready: bool
+    proof: Severity | None = None
+    """The severity of the verdict of a proof run: info keep, warning not decided, error restore;
+    None for any other survey, and before its result."""
     recording: bool
     begins: bool = False
     """Whether the operator has to announce each setup: the machine has no signals."""

@@ -9,8 +9,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import structlog
 
+from stepdiag.base.findings import PROOF, Severity
 from stepdiag.base.messages import Words, of_log
 from stepdiag.daq.records.status import AheadStatus, Phase
 from stepdiag.daq.records.survey_folder import RESULT
@@ -57,6 +59,7 @@ class Finisher:
         self.phase: Phase = "starting"
         self.message: Words = ""
         self.result: Path | None = None
+        self.proof: Severity | None = None
         self.ahead = AheadStatus()
         self._looking: asyncio.Task[None] | None = None
 
@@ -99,7 +102,7 @@ class Finisher:
 
     def forget(self) -> None:
         """Show the result no longer: another survey is being recorded, or this one goes on."""
-        self.result = None
+        self.result = self.proof = None
         self.message = ""
 
     async def close(self) -> None:
@@ -171,6 +174,7 @@ class Finisher:
         code, self.message = await self._run(*self._commands.completion, str(folder))
         self.phase = "complete" if code == 0 else "failed"
         self.result = folder / RESULT if (folder / RESULT).exists() else None
+        self.proof = None if self.result is None else proof_in(self.result)
         self._tally.solve_s = time.monotonic() - began_s
         self._tally.surveys[code] += 1
         if code == 0:
@@ -192,6 +196,21 @@ class Finisher:
                 stdin=asyncio.subprocess.DEVNULL,
             )
             await _last_words(child)
+
+
+class _Finding(msgspec.Struct):
+    code: str
+    severity: Severity
+
+
+class _Found(msgspec.Struct):
+    findings: list[_Finding] = []
+
+
+def proof_in(result: Path) -> Severity | None:
+    """Return the severity of the verdict in a proof run's result; None for any other result."""
+    found = msgspec.json.decode(result.read_bytes(), type=_Found).findings
+    return next((each.severity for each in found if each.code == PROOF), None)
 
 
 def _of_line(line: str) -> Words:

@@ -156,7 +156,10 @@ class DaemonStatusSource:
             notice=_message(working),
         )
         return msgspec.structs.replace(
-            shown, ahead=working.finisher.ahead, corrects=working.corrects
+            shown,
+            ahead=working.finisher.ahead,
+            corrects=working.corrects,
+            proof=working.finisher.proof,
         )
 
     def figures(self) -> Figures:

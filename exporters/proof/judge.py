@@ -46,8 +46,6 @@ STATES: tuple[tuple[Code, float], ...] = (
     ("scaled", 0.5),
     ("scaled", 2.0),
 )
-PROOF = "proof"
-"""The code of the finding in a result that holds the verdict."""
 SURE, NAMED = 20.0, 400.0
 """Odds for one state of a table against another; and for a fault, of which fifty and more are
 tried, against none."""

@@ -12,6 +12,8 @@ from stepdiag.texts.texts import Language
 __all__ = ["Finding", "Severity", "finding", "in_words"]
 
 NOWHERE = Place()
+PROOF = "proof"
+"""The code of the finding in a result that holds the verdict of a proof run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

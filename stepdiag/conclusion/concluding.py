@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import PROOF, Finding
 from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
@@ -18,7 +18,6 @@ from stepdiag.conclusion.sentences import Sentence
 from stepdiag.conclusion.verdict import judged_in, verdict_sentences
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
-from stepdiag.exporters.proof.judge import PROOF
 from stepdiag.exporters.safety.state import proof_needed
 from stepdiag.exporters.safety.verify import STRETCH
 

@@ -117,6 +117,8 @@ def _pass(setup: str, number: int) -> "dict[str, str | int | list[Say]]":
 
 
 def _quiet(now: Snapshot) -> Headline:
+    if now.phase == "complete" and now.proof is not None:
+        return Headline(stage="done", lead=Say(f"proof_{now.proof}"), advice=Say("do_complete"))
     if now.phase in ("solving", "complete"):
         return Headline(stage="done", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
     if is_running(now):

@@ -94,6 +94,14 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({"phase": "paused"}, "set-up", False, "Paused"),
         ({"phase": "solving"}, "done", False, "Computing the result"),
         ({"phase": "complete"}, "done", False, "Done: all passes are in"),
+        ({"phase": "complete", "proof": "info"}, "done", False, "Proof run done: keep the tables"),
+        ({"phase": "complete", "proof": "warning"}, "done", False, "Proof run done: not decided"),
+        (
+            {"phase": "complete", "proof": "error"},
+            "done",
+            False,
+            "Restore the control: a loaded table is wrong",
+        ),
     ],
 )
 def test_what_blocks_the_survey_comes_first(
@@ -386,6 +394,25 @@ def test_each_stage_on_each_screen(screens: Screens, stage: str) -> None:
         assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[name][0]
         page.screenshot(path=str(screens.pictures / f"{stage}-{screens.language}-{name}.png"))
     assert violations(screens.pages["tablet"]) == []
+
+
+@pytest.mark.page
+def test_a_wrong_table_stands_under_no_green_done(
+    page: Page, daemon: Served, tmp_path: Path
+) -> None:
+    """Keep, not decided and restore each have their colour on the card; a picture is kept."""
+    done(daemon)
+    colours = {}
+    for proof in (None, "info", "warning", "error"):
+        daemon.do(lambda proof=proof: daemon.survey.publish(proof=proof))
+        expect(page.locator("body")).to_have_attribute("data-proof", proof or "")
+        colours[proof] = page.locator(".lead").evaluate(
+            "each => getComputedStyle(each).borderLeftColor"
+        )
+    page.screenshot(path=str(tmp_path.parent / "proof-restore.png"))
+    expect(page.locator("#lead")).to_have_text("Restore the control: a loaded table is wrong")
+    assert colours[None] == colours["info"]
+    assert len(set(colours.values())) == 3
 
 
 @pytest.mark.page

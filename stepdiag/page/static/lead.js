@@ -49,9 +49,10 @@ function beep() {
 }
 
 export function update(snapshot) {
-  const { stage, alarm, lead, advice, watching, message, machine, ahead } = snapshot;
+  const { stage, alarm, proof, lead, advice, watching, message, machine, ahead } = snapshot;
   alarmed = alarm;
   document.body.dataset.stage = stage;
+  document.body.dataset.proof = proof ?? "";
   document.body.classList.toggle("alarm", alarm);
   const words = sentence(lead);
   put("lead", words);
