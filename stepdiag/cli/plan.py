@@ -185,7 +185,7 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
                 "repeats": run.repeats,
                 "return_pass": run.return_pass,
                 "beam_offset_mm": run.beam_offset_mm,
-                "axis_orders": list(run.axis_orders),
+                "axis_orders": list(run.driven_orders),
                 "targets": run.targets,
             }
             for run in forecast.plan.runs

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.sets import whole
+from stepdiag.terminal.plan_tables import lines_in_words
+from stepdiag.terminal.viewer import shown
 from testkit.cli import stepdiag
 
 SURVEY = """\
@@ -188,6 +192,14 @@ class TestPlan:
         )
         assert said["best"] is None
         assert said["floor_um"] == 0.0, "no control is named"
+
+    @pytest.mark.parametrize(("repeats", "named"), [(1, False), (2, True)])
+    def test_orders_are_named_where_several_are_driven(self, repeats, named):
+        run = Run(setup="ppp", repeats=repeats, axis_orders=("xyz", "yzx", "zxy"))
+        box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
+        drives = shown(lines_in_words(Plan(volume=box, runs=(run,))))
+        assert ("in the orders xyz, yzx" in drives) is named
+        assert "zxy" not in drives
 
     def test_for_a_person(self, survey):
         told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
