@@ -9,6 +9,8 @@ import pytest
 
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.volume import Volume
+from stepdiag.daq.survey.composed import MachineClass, begun
+from stepdiag.daq.survey.file import parse_survey
 from stepdiag.exporters.files.sets import whole
 from stepdiag.terminal.plan_tables import lines_in_words
 from stepdiag.terminal.viewer import shown
@@ -248,6 +250,13 @@ class TestPlan:
             run["setup"] for run in better[0]["runs"]
         ]
         assert again["left_um"] == better[0]["left_um"]
+
+    def test_the_advice_written_is_named_in_the_order_of_the_drive(self, survey):
+        """A shifted line without its usual line comes after all setups on usual lines."""
+        survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
+        done = stepdiag("plan", survey, "--minutes", 240, "--apply")
+        drives = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan.all_setups
+        assert f"[plan] now drives {', '.join(drives)};" in " ".join(done.refusal.split())
 
     def test_writes_nothing_where_nothing_fits(self, survey):
         before = survey.read_bytes()
