@@ -125,8 +125,9 @@ class Dialect(ABC):
     def _header(self, job: Job) -> Iterator[str]:
         sequence = job.sequence
         low, high = travel_mm(sequence, job.setup)
-        orders = " ".join(dict.fromkeys(sequence.axis_orders or (sequence.axis_order,)))
-        order = f", axis order {orders}" if setup_of(job.setup).kind in ("step", "face") else ""
+        orders = sequence.plan.run_of(job.setup).driven_orders or (sequence.axis_order,)
+        several = setup_of(job.setup).kind in ("step", "face")
+        order = f", axis order {' '.join(orders)}" if several else ""
         yield f"stepdiag survey {_ascii(sequence.name)}: setup {_spoken(job.setup)}{order}"
         yield (
             f"{job.sequence.volume.increments} increments, feed {plain(sequence.feed_mm_min)} "

@@ -103,7 +103,7 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
         read_text(file), section, file.name, None if finer == survey.box.increments else finer
     )
     write_atomically(file, changed.encode("utf-8"))
-    setups = [run.setup for run in chosen.plan.runs]
+    setups = section.all_setups
     figures = {"repeats": section.repeats, "increments": finer}
     print_words(
         message("plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s),
@@ -185,7 +185,7 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
                 "repeats": run.repeats,
                 "return_pass": run.return_pass,
                 "beam_offset_mm": run.beam_offset_mm,
-                "axis_orders": list(run.axis_orders),
+                "axis_orders": list(run.driven_orders),
                 "targets": run.targets,
             }
             for run in forecast.plan.runs

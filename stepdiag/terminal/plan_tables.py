@@ -142,7 +142,7 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
     """Return what a plan drives: its setups with their shifts, or how many of each kind where there
     are many, and how."""
     lines = [_line(run) for run in plan.runs] if by_name or len(plan.runs) <= FEW else _kinds(plan)
-    orders = next((run.axis_orders for run in plan.runs if run.axis_orders), ())
+    orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
     first = plan.runs[0]
     ways = message("out-and-back" if first.return_pass else "one-way")
     times = message("times-driven", count=first.repeats, ways=ways) if first.repeats > 1 else ways
@@ -151,7 +151,7 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
         lines=lines,
         increments=plan.volume.increments,
         dwell_s=plan.pace.dwell_s,
-        times=message("in-orders", times=times, names=orders) if orders else times,
+        times=message("in-orders", times=times, names=orders) if orders[1:] else times,
     )
 
 

@@ -43,6 +43,13 @@ class Run:
         return setup_of(self.setup, "plan: setup")
 
     @property
+    def driven_orders(self) -> tuple[str, ...]:
+        """Return the stated orders that its repeats drive, each once; none if a single axis
+        moves."""
+        several = self.travel.kind in ("step", "face")
+        return tuple(dict.fromkeys(self.axis_orders[: self.repeats])) if several else ()
+
+    @property
     def pass_numbers(self) -> range:
         """Return the numbers of its passes: odd outward, even back."""
         return range(1, 2 * self.repeats + 1, 1 if self.return_pass else 2)

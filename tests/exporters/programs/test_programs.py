@@ -49,6 +49,19 @@ def commanded(sequence: Sequence, setup: str) -> np.ndarray:
     return np.concatenate(there_and_back * sequence.repeats)
 
 
+@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize(
+    ("repeats", "named"), [(1, b"axis order yzx"), (2, b"axis order yzx zxy"), (3, b"yzx zxy xyz")]
+)
+def test_a_program_names_the_orders_that_it_drives(control, repeats, named):
+    sequence = replace(
+        PLAIN, setups=("ppp",), repeats=repeats, axis_orders=("yzx", "zxy", "xyz"), overrun_mm=0.0
+    )
+    (program,) = nc_programs(sequence, control)
+    (line,) = [line for line in program.data.splitlines() if b"axis order" in line.lower()]
+    assert line.lower().strip(b" ;)\r").endswith(named)
+
+
 sequences = st.builds(
     Sequence,
     name=st.sampled_from(["hall 3", "VF-2 (old) #4", "Fräse"]),

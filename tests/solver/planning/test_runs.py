@@ -47,6 +47,21 @@ def test_a_shift_of_what_does_not_stand_is_a_setup():
     )
 
 
+@pytest.mark.parametrize(
+    ("setup", "repeats", "driven"),
+    [
+        ("ppp", 1, ("xyz",)),
+        ("npp+1", 2, ("xyz", "zxy")),
+        ("face-xy-pp", 4, ("xyz", "zxy")),
+        ("linear-x", 2, ()),
+        ("fourdof-x", 2, ()),
+    ],
+)
+def test_orders_that_no_repeat_drives_are_not_named(setup, repeats, driven):
+    run = Run(setup=setup, repeats=repeats, axis_orders=("xyz", "zxy"))
+    assert run.driven_orders == driven
+
+
 def test_repeats_move_their_axes_in_orders_of_their_own():
     run = Run(setup="ppp", repeats=3, axis_orders=("xyz", "zxy"))
     survey = plan(run)

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.volume import Volume
+from stepdiag.daq.survey.composed import MachineClass, begun
+from stepdiag.daq.survey.file import parse_survey
 from stepdiag.exporters.files.sets import whole
+from stepdiag.terminal.plan_tables import lines_in_words
+from stepdiag.terminal.viewer import shown
 from testkit.cli import stepdiag
 
 SURVEY = """\
@@ -189,6 +195,14 @@ class TestPlan:
         assert said["best"] is None
         assert said["floor_um"] == 0.0, "no control is named"
 
+    @pytest.mark.parametrize(("repeats", "named"), [(1, False), (2, True)])
+    def test_orders_are_named_where_several_are_driven(self, repeats, named):
+        run = Run(setup="ppp", repeats=repeats, axis_orders=("xyz", "yzx", "zxy"))
+        box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
+        drives = shown(lines_in_words(Plan(volume=box, runs=(run,))))
+        assert ("in the orders xyz, yzx" in drives) is named
+        assert "zxy" not in drives
+
     def test_for_a_person(self, survey):
         told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
         assert "forecast: U (k = 2)" in told.out
@@ -237,6 +251,13 @@ class TestPlan:
             run["setup"] for run in better[0]["runs"]
         ]
         assert again["left_um"] == better[0]["left_um"]
+
+    def test_the_advice_written_is_named_in_the_order_of_the_drive(self, survey):
+        """A shifted line without its usual line comes after all setups on usual lines."""
+        survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
+        done = stepdiag("plan", survey, "--minutes", 240, "--apply")
+        drives = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan.all_setups
+        assert f"[plan] now drives {', '.join(drives)};" in " ".join(done.refusal.split())
 
     def test_writes_nothing_where_nothing_fits(self, survey):
         before = survey.read_bytes()
