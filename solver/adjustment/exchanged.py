@@ -1,8 +1,9 @@
-"""Two setups whose names were exchanged, tested before any test of the readings.
+"""Two setups whose names were exchanged.
 
 Two diagonals have steps of the same lengths, so the laser fits either. The readings of all setups
 agree on one machine with the right names alone: an exchange has no size, and its gain in
-likelihood is its evidence (`solver.adjustment.evidence`).
+likelihood is its evidence (`solver.adjustment.evidence`). An exchange also takes part of a large
+step: it competes with the stops, steps and walks of the same fit, which are repaired afterwards.
 """
 
 from collections.abc import Iterator
@@ -12,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.volume import Vector
+from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.evidence import EXCHANGED, ODDS, log_prior
+from stepdiag.solver.adjustment.faults import most_odds
 from stepdiag.solver.linear.components import gained
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.layout import Layout
 
 
 def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
-    """Return the two setups whose exchange has `ODDS` against none, and the change of all targets
-    (rows,) that gives each the readings of the other; None without.
+    """Return the two setups whose exchange has `ODDS` against none and against every fault of a
+    pass, and the change of all targets (rows,) that gives each the readings of the other; None
+    without.
 
     ``usual`` is a fit with causes of usual size, in which an exchange does not hide.
     """
@@ -35,7 +39,10 @@ def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] 
     left = np.array([usual.for_target(target + change).chi_square for change in changes.T])
     odds = 0.5 * gained(usual, left) + log_prior(EXCHANGED, len(every))
     best = int(np.argmax(odds))
-    return (every[best][0], changes[:, best]) if odds[best] > np.log(ODDS) else None
+    against = odds[best] - np.log(ODDS)
+    if against <= 0.0 or against <= most_odds(usual, counts(usual.fixed, layout)):
+        return None
+    return every[best][0], changes[:, best]
 
 
 def _pairs(

@@ -153,6 +153,16 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
     )
 
 
+def most_odds(fit: MixedFit, every: Sequence[Count]) -> float:
+    """Return the odds (logarithm) against nothing of the best stop, step or walk on ``every`` count
+    of the readings, by the readings alone; minus infinity without counts.
+    """
+    single = list(families(fit, every))
+    weighed = [family.weighed(fit, number_of(single, family.kind)).log_odds for family in single]
+    odds = np.concatenate([*weighed, [one.odds for one in walks(fit, every)], [-np.inf]])
+    return float(np.max(odds))
+
+
 def number_of(every: Sequence[Family], kind: str) -> int:
     """Return how many explanations of a kind there are."""
     return sum(len(one.named) for one in every if one.kind == kind)
