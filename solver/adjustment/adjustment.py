@@ -14,7 +14,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
-from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT
+from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
 from stepdiag.solver.adjustment.faults import (
@@ -276,7 +276,7 @@ class _Task:
 
     def run(self) -> Adjustment:
         """Return the adjustment after all rounds."""
-        current = self._find_scatter(self._fit_with_tilts(), robust=True)
+        current = self._first_scatter()
         current = self._with_right_signs(self._with_right_names(current))
         for suspicious in self._suspicions(current):
             current = suspicious
@@ -305,6 +305,21 @@ class _Task:
             explained=self.explained,
             findings=tuple(self.findings),
         )
+
+    def _first_scatter(self) -> MixedFit:
+        """Return the fit with the scatter that is left beside a step of the count that has a name.
+
+        A single stop does not move the median of the residuals. A step moves every residual of its
+        pass: misses and noise would grow to hide it. It is looked for with the usual sizes.
+        """
+        current = self._fit_with_tilts()
+        worst = self._worst(current)
+        if worst is None or not worst.decided or worst.best.kind != STEP:
+            return self._find_scatter(current, robust=True)
+        self.effects.append(trial_of(self.layout, worst))
+        current = self._find_scatter(self._with_effects(current.fixed), robust=True)
+        self.effects.pop()
+        return self._with_effects(current.fixed)
 
     def _open_beside(self, current: MixedFit) -> MixedFit:
         """Return the fit with the explanations beside the model left open.

@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import parse_readings
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.members import UnseenSlip
 from stepdiag.solver.methods.solve import solve
-from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
+from testkit.exact.surveys import DATA, DIAGONALS, IDEAL, LINEAR, Bench
 
 NAMED = {
     "count-step",
@@ -215,3 +216,14 @@ def test_a_slip_below_what_anything_is_looked_for_is_not_said_to_be_noticed():
     )
     sizes = solve(bench.survey()).unseen_slip
     assert all(each.half_um >= 0.5 and each.nearly_um > each.half_um for each in sizes)
+
+
+@pytest.mark.parametrize("size_um", [200, 500])
+def test_a_large_slip_is_neither_noise_nor_another_diagonal(size_um):
+    """One diagonal of a machine that misses its targets by 0.5 µm: exchanged names agreed with 200
+    µm as well, and 500 µm enlarged the noise until nothing stood out of it."""
+    file = DATA / "slips" / f"slip_{size_um}_um_in_pnp.csv"
+    result = solve(parse_readings(file.read_text(encoding="utf-8"), file.name))
+    serious = [each for each in result.findings if each.severity != "info"]
+    assert [(each.key, each.severity) for each in serious] == [("count-step", "warning")]
+    assert serious[0].size_um == pytest.approx(size_um, abs=3.0)
