@@ -242,12 +242,9 @@ class Capture:
             outcomes.append(finding("error", text))
             for stream in self._streams.values():
                 stream.interrupted(event.time_ns, NOT_RECORDED)
-        elif event.link == "machine":
-            if event.state in ("silent", "lost"):
-                self.tracker.silent()
         elif event.interrupts and event.link in self._streams:
             self._streams[event.link].interrupted(event.time_ns)
-        else:
+        elif event.link != "machine":
             self._remarks.lost(event.link, event.lost, outcomes)
 
     def _take_block(self, block: ModbusBlock, outcomes: list[Outcome]) -> None:

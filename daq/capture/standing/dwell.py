@@ -4,20 +4,13 @@ The machine may already be moving again at the answer to a standing poll, and it
 since just after the poll before. Certain is only the time between the answer to the first standing
 poll and the request of the last.
 
-    state      observation   next       what happens
-    MOVING     moving        MOVING
-    MOVING     same          DWELLING   open       (first dwell, or the stop signal fell and rose
-    without a new count)
-    MOVING     new           DWELLING   open
-    MOVING     silent        MOVING
-    DWELLING   moving        MOVING     close
-    DWELLING   same          DWELLING   extend
-    DWELLING   new           DWELLING   close, open
-    DWELLING   silent        BLIND
-    BLIND      moving        MOVING     close
-    BLIND      same          DWELLING   extend
-    BLIND      new           DWELLING   close, open
-    BLIND      silent        BLIND
+    observation   no dwell open   a dwell open
+    moving                        close
+    same          open            extend       (same, none open: the first dwell, or the stop signal
+                                               fell and rose without a new count)
+    new           open            close, open
+
+A poll without an answer changes nothing: the next answer decides.
 
 Registers may lag behind the stop signal by some polls, and show the stop before or a place on the
 way; a stop signal may flicker. Both cut one standstill into several dwells. The laser decides
@@ -27,7 +20,6 @@ whether the machine moved in between (`Standstills`).
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Literal
 
 import numpy as np
@@ -56,30 +48,8 @@ stands again.
 """
 
 
-class State(Enum):
-    MOVING = "moving"
-    DWELLING = "dwelling"
-    BLIND = "blind"
-
-
-Observation = Literal["moving", "same", "new", "silent"]
-Action = Literal["open", "extend", "close"]
+Observation = Literal["moving", "same", "new"]
 Place = tuple[float, float, float] | None
-
-TRANSITIONS: dict[tuple[State, Observation], tuple[State, tuple[Action, ...]]] = {
-    (State.MOVING, "moving"): (State.MOVING, ()),
-    (State.MOVING, "same"): (State.DWELLING, ("open",)),
-    (State.MOVING, "new"): (State.DWELLING, ("open",)),
-    (State.MOVING, "silent"): (State.MOVING, ()),
-    (State.DWELLING, "moving"): (State.MOVING, ("close",)),
-    (State.DWELLING, "same"): (State.DWELLING, ("extend",)),
-    (State.DWELLING, "new"): (State.DWELLING, ("close", "open")),
-    (State.DWELLING, "silent"): (State.BLIND, ()),
-    (State.BLIND, "moving"): (State.MOVING, ("close",)),
-    (State.BLIND, "same"): (State.DWELLING, ("extend",)),
-    (State.BLIND, "new"): (State.DWELLING, ("close", "open")),
-    (State.BLIND, "silent"): (State.BLIND, ()),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,21 +58,19 @@ class Dwell:
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it
     cannot have stopped before ``not_before_ns`` (the request of the last moving poll). ``signals``
-    are those of the most frequent position; ``blind``: polls failed in between.
+    are those of the most frequent position.
     """
 
     from_ns: int
     to_ns: int
     not_before_ns: int | None
     signals: Signals
-    blind: bool = False
 
 
 class DwellTracker:
     """Follows the polls of one log. Returns dwells as they close; the open one can be looked at."""
 
     def __init__(self) -> None:
-        self.state = State.MOVING
         self.open: Dwell | None = None
         self._last: Dwell | None = None
         self._last_moving_ns: int | None = None
@@ -110,24 +78,21 @@ class DwellTracker:
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
         """Take a poll; return the dwell closed by it, if any."""
-        observation = self._observe(signals)
-        self.state, actions = TRANSITIONS[self.state, observation]
-        closed = None
-        for action in actions:
-            if action == "close":
-                closed, self._last, self.open = self.open, self.open, None
-            elif action == "open":
-                self._held_ns = Counter()
-                self.open = Dwell(
-                    from_ns=recv_ns,
-                    to_ns=recv_ns,
-                    not_before_ns=self._last_moving_ns,
-                    signals=signals,
-                )
-            elif self.open is not None:
-                self.open = self._with(self.open, signals, max(send_ns, self.open.from_ns))
+        observation, closed = self._observe(signals), None
+        if observation != "same":
+            closed, self._last, self.open = self.open, self.open or self._last, None
         if observation == "moving":
             self._last_moving_ns = send_ns
+        elif self.open is not None:
+            self.open = self._with(self.open, signals, max(send_ns, self.open.from_ns))
+        else:
+            self._held_ns = Counter()
+            self.open = Dwell(
+                from_ns=recv_ns,
+                to_ns=recv_ns,
+                not_before_ns=self._last_moving_ns,
+                signals=signals,
+            )
         return closed
 
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
@@ -157,17 +122,10 @@ class DwellTracker:
         flickers = None not in self._held_ns and 2 * self._held_ns[longest] < self._held_ns.total()
         return _median_place(self._held_ns) if flickers else longest
 
-    def silent(self) -> None:
-        """Take note that a poll brought no answer."""
-        self.state, _ = TRANSITIONS[self.state, "silent"]
-        if self.open is not None:
-            self.open = replace(self.open, blind=True)
-
     def stale(self, since_ns: int) -> None:
         """Note that the values of the polls are not newer than ``since_ns``: the open dwell is
         certain up to then.
         """
-        self.silent()
         if self.open is not None:
             self.open = replace(
                 self.open, to_ns=max(self.open.from_ns, min(self.open.to_ns, since_ns))
@@ -372,7 +330,6 @@ def _joined(before: _Waiting, after: Dwell) -> _Waiting:
         before.dwell,
         to_ns=after.to_ns,
         signals=longest.dwell.signals,
-        blind=before.dwell.blind or after.blind,
     )
     return _Waiting(whole, after.to_ns, longest.held_ns)
 

@@ -137,11 +137,9 @@ def dwells(told: dict[str, Any]) -> Any:
         closed = None
         if act == "poll":
             closed = tracker.poll(signals_of(rest[0]), at_ms * MS, (at_ms + 5) * MS)
-        elif act == "silent":
-            tracker.silent()
-        else:
+        elif act == "stale":
             tracker.stale(at_ms * MS)
-        found.append([tracker.state.value, brief(closed), brief(tracker.open)])
+        found.append([brief(closed), brief(tracker.open)])
     return {
         "steps": found,
         "counts": [[before, after, count_steps(before, after)] for before, after in told["counts"]],
@@ -149,8 +147,8 @@ def dwells(told: dict[str, Any]) -> Any:
 
 
 def _stood(told: list[Any]) -> Dwell:
-    """Return a dwell of ``[from ms, to ms, not before ms, count, x in mm, blind]``."""
-    from_ms, to_ms, before_ms, count, x_mm, blind = [*told, *(None, 1, 0.0, False)[len(told) - 2 :]]
+    """Return a dwell of ``[from ms, to ms, not before ms, count, x in mm]``."""
+    from_ms, to_ms, before_ms, count, x_mm = [*told, *(None, 1, 0.0)[len(told) - 2 :]][:5]
     signals = signals_of({"stop_count": count} | ({} if x_mm is None else {"at": [x_mm, 0.0, 0.0]}))
     before_ns = None if before_ms is None else before_ms * MS
     return Dwell(
@@ -158,7 +156,6 @@ def _stood(told: list[Any]) -> Dwell:
         to_ns=to_ms * MS,
         not_before_ns=before_ns,
         signals=signals,
-        blind=blind,
     )
 
 
@@ -202,7 +199,7 @@ def _pair(stream: Any, before: Dwell, after: Dwell) -> Any:
     answers.append(joined.goes_on(before, stream))
     row = "".join("?" if one is None else "01"[bool(one)] for one in answers)
     return row + "".join(
-        f" {one.from_ns // MS}-{one.to_ns // MS} #{one.signals.stop_count}{' blind' * one.blind}"
+        f" {one.from_ns // MS}-{one.to_ns // MS} #{one.signals.stop_count}"
         for one in (first, whole)
     )
 

@@ -216,7 +216,6 @@ def brief(said: Any) -> Any:
                 said.from_ns,
                 said.to_ns,
                 said.not_before_ns,
-                int(said.blind),
                 int(bool(said.signals.stopped)),
                 count,
                 *place,
