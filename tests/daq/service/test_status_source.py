@@ -1,10 +1,18 @@
-"""What the daemon says that it waits for."""
+"""What the daemon says that it waits for, and what its state holds."""
+
+from types import SimpleNamespace
+
+import pytest
 
 from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
+from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.sinks import Nowhere
-from stepdiag.daq.service.status_source import _idle
+from stepdiag.daq.records.status import LinkStatus
+from stepdiag.daq.service.child_jobs import Commands, Finisher
+from stepdiag.daq.service.metrics import Tally
+from stepdiag.daq.service.status_source import DaemonStatusSource, Working, _idle
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
@@ -49,3 +57,33 @@ def test_a_wrong_line_is_to_be_corrected_before_anything_is_driven_again(tmp_pat
         "again for it"
     )
     assert str(_idle(session, "ppp")) == wanted
+
+
+@pytest.mark.parametrize("severity", [None, "info", "warning", "error"])
+def test_the_snapshot_holds_the_verdict_of_a_proof_run(tmp_path, severity):
+    text = survey_text()
+    session = Session(
+        parse_survey(text, "survey.toml"),
+        text,
+        Round(tmp_path, {}),
+        Nowhere(),
+        on_outcome=lambda _: None,
+        wall_offset_ns=lambda: 0,
+    )
+    link = LinkStatus(state="connected", address="", age_s=None, detail="")
+    tally = Tally()
+    finisher = Finisher(Commands(completion=()), tally, lambda *_: None)
+    finisher.proof = severity
+    source = DaemonStatusSource()
+    source.open(
+        Working(
+            session=session,
+            shown=session,
+            recorder=Recorder(lambda _: None),
+            survey_links=SimpleNamespace(statuses=lambda: (link, link, None, None)),
+            finisher=finisher,
+            supervisor=SimpleNamespace(disk=""),
+            tally=tally,
+        )
+    )
+    assert source.snapshot().proof == severity
