@@ -2,7 +2,7 @@
 
 import { line, shape } from "./draw.js";
 import { box, placeWords, sheet } from "./space.js";
-import { setupName, wordsOf } from "./words.js";
+import { wordsOf } from "./words.js";
 
 const COLUMNS = ["setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "deviation_um", "u_um", "doubtful"];
 
@@ -28,7 +28,7 @@ export function volume(snapshot, say) {
 
 // Return the columns and rows behind the drawing.
 export function stopsTable(snapshot) {
-  const rows = shownStops(snapshot).map((one) => [setupName(one.setup), one.pass_number, one.place, ...one.position_mm, one.deviation_um, one.u_um, wordsOf(one.doubtful)]);
+  const rows = shownStops(snapshot).map((one) => [one.setup, one.pass_number, one.place, ...one.position_mm, one.deviation_um, one.u_um, wordsOf(one.doubtful)]);
   return [COLUMNS, rows];
 }
 

@@ -145,7 +145,7 @@ def test_what_cannot_is_asked_for_again_by_name(tmp_path):
         (only,) = book.of(setup)
         assert not only.complete, setup
         assert code in codes_of(said, setup), setup
-        assert f"{setup}: pass 1: {only.why_incomplete()}" in told
+        assert f"({setup}): pass 1: {only.why_incomplete()}" in told
         assert "drive again from stop 3 on" in str(only.why_incomplete())
 
 
