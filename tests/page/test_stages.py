@@ -407,7 +407,8 @@ def test_a_wrong_table_stands_under_no_green_done(
         daemon.do(lambda proof=proof: daemon.survey.publish(proof=proof))
         expect(page.locator("body")).to_have_attribute("data-proof", proof or "")
         colours[proof] = page.locator(".lead").evaluate(
-            "each => getComputedStyle(each).borderLeftColor"
+            "each => new Promise(done => requestAnimationFrame(() => requestAnimationFrame("
+            "() => done(getComputedStyle(each).borderLeftColor))))"
         )
     page.screenshot(path=str(tmp_path.parent / "proof-restore.png"))
     expect(page.locator("#lead")).to_have_text("Restore the control: a loaded table is wrong")
