@@ -50,11 +50,10 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
         yield where, line
 
 
-def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
-    """Return the numbers of a CSV under its header, shape (rows, columns); empty lines do not
-    count.
+def headed_lines(file: ControlFile, header: str) -> list[tuple[str, str]]:
+    """Return every line that is not empty with its place, the header first.
 
-    Raises ``DataError`` with the place of another header, or of a line that is not ``expected``.
+    Raises ``DataError`` for another header.
     """
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != header:
@@ -63,6 +62,16 @@ def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
             expected=message("header-of-words", words=header),
             found=lines[0][1] if lines else message("empty-file"),
         )
+    return lines
+
+
+def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
+    """Return the numbers of a CSV under its header, shape (rows, columns); empty lines do not
+    count.
+
+    Raises ``DataError`` with the place of another header, or of a line that is not ``expected``.
+    """
+    lines = headed_lines(file, header)
     columns = len(header.split(","))
     rows = []
     for where, line in lines[1:]:

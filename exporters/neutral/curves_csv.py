@@ -15,7 +15,7 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
+from stepdiag.exporters.files.listing import ascii_lines, finite, headed_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
@@ -118,13 +118,7 @@ class Neutral:
 
 
 def _tables(file: ControlFile, profile: Profile) -> list[Table]:
-    lines = [(where, line) for where, line in read_lines(file) if line]
-    if not lines or lines[0][1] != HEADER:
-        raise DataError(
-            file.name,
-            expected=message("header-of-words", words=HEADER),
-            found=lines[0][1] if lines else message("empty-file"),
-        )
+    lines = headed_lines(file, HEADER)
     if lines[-1][1] != "end,,,":
         raise DataError(
             file.name,
