@@ -402,6 +402,7 @@ def test_a_wrong_table_stands_under_no_green_done(
 ) -> None:
     """Keep, not decided and restore each have their colour on the card; a picture is kept."""
     done(daemon)
+    expect(page.locator("body")).to_have_attribute("data-stage", "done")
     colours = {}
     for proof in (None, "info", "warning", "error"):
         daemon.do(lambda proof=proof: daemon.survey.publish(proof=proof))
