@@ -5,6 +5,7 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 
 import jinja2
@@ -232,6 +233,7 @@ def _source_hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
+@cache
 def template(name: str) -> jinja2.Template:
     """Return a template of this room; everything is escaped but what this package drew itself."""
     loader = jinja2.FunctionLoader(_part)

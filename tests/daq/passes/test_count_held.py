@@ -14,6 +14,7 @@ from stepdiag.daq.passes.stretches import same_um
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
+from testkit.examples import spread
 from testkit.timeline import survey_text
 
 RATE_HZ, DWELL_S, INCREMENTS = 250, 3.0, 6
@@ -123,11 +124,11 @@ def test_no_doubt_is_lifted_beyond_what_is_the_same(size_um, sign, cut, scatter_
 
 
 def test_a_lost_count_above_what_is_the_same_is_never_proven_away():
-    """300 machines that repeat to 0.05 to 1 um, the loss a hair above: the step would have to be
+    """Machines that repeat to 0.05 to 1 um, the loss a hair above: the step would have to be
     hidden by the scatter of its own drive, which its neighbours show."""
     rng = np.random.default_rng(7)
     proven = 0
-    for _ in range(300):
+    for _ in spread(range(300), 3):
         stops = driven(
             rng,
             cut=int(rng.integers(1, 3 * INCREMENTS)),

@@ -1,6 +1,8 @@
 """One standstill measured twice, and one place passed twice: where they differ the laser has lost
 its count, and that is named."""
 
+from itertools import product
+
 import msgspec
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.slips import step_in
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
+from testkit.examples import spread
 from testkit.timeline import survey_text
 
 DOUBTED = (Remark("stop-doubtful", "dwell longer"),)
@@ -140,16 +143,23 @@ def approaches_um(rng, share, n, repeatability_um):
     return np.array(readings) + rng.normal(0.0, 0.1, 3 * n + 1)
 
 
-@pytest.mark.parametrize("repeatability_um", [0.2, 0.5])
-@pytest.mark.parametrize("n", [2, 3, 5, 10, 20])
 @pytest.mark.parametrize(
-    "size_mm",
-    [
-        (500.0, 400.0, 300.0),
-        (1000.0, 500.0, 400.0),
-        (4000.0, 1000.0, 800.0),
-        (4000.0, 300.0, 200.0),
-    ],
+    ("size_mm", "n", "repeatability_um"),
+    spread(
+        [
+            *product(
+                [
+                    (500.0, 400.0, 300.0),
+                    (1000.0, 500.0, 400.0),
+                    (4000.0, 1000.0, 800.0),
+                    (4000.0, 300.0, 200.0),
+                ],
+                [2, 3, 5, 10, 20],
+                [0.2, 0.5],
+            )
+        ],
+        3,
+    ),
 )
 def test_how_a_good_or_ordinary_machine_repeats_is_no_slip(size_mm, n, repeatability_um):
     """On a long machine one axis brings all the scatter: at most one pair of passes in a hundred is

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import msgspec
@@ -37,6 +38,7 @@ from testkit.exact.beside import Beside
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import Bench
+from testkit.examples import spread
 from testkit.german import in_german
 
 TODAY = date(2026, 6, 1)
@@ -178,9 +180,17 @@ class TestQuickLook:
         assert ("shape-only", "warning") in {(item.key, item.severity) for item in report.findings}
 
     @pytest.mark.parametrize(
-        "control", ["siemens", "heidenhain", "beckhoff", "mitsubishi", "neutral", "lattice"]
+        ("control", "increments"),
+        spread(
+            [
+                *product(
+                    ["siemens", "heidenhain", "beckhoff", "mitsubishi", "neutral", "lattice"],
+                    [4, 7, 10, 24],
+                )
+            ],
+            3,
+        ),
     )
-    @pytest.mark.parametrize("increments", [4, 7, 10, 24])
     def test_a_quick_look_has_its_points_where_the_errors_were_measured(
         self, control, increments, tmp_path
     ):

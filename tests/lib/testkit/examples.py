@@ -1,7 +1,8 @@
 """How many examples a property test draws where each is a whole solve or log: few in every run,
 more in `make explore`."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 from hypothesis import settings
 
@@ -10,9 +11,22 @@ MORE = 10
 stands before that of any profile."""
 
 
+Case = TypeVar("Case")
+
+
+def exploring() -> bool:
+    """Return whether these are the tests of `make explore`."""
+    return settings.get_current_profile_name() == "explore"
+
+
+def spread(cases: Sequence[Case], every: int) -> list[Case]:
+    """Return one case of so many, all in `make explore`."""
+    return list(cases[:: 1 if exploring() else every])
+
+
 def few(examples: int, **more: Any) -> settings:
     """Return settings with so many examples; ``more`` as of hypothesis."""
     return settings(
-        max_examples=examples * (MORE if settings.get_current_profile_name() == "explore" else 1),
+        max_examples=examples * (MORE if exploring() else 1),
         **more,
     )

@@ -6,6 +6,7 @@ axis, seen by all stops until that axis moves again, and a noise for each stop.
 """
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.diagnostics import scatter_findings
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import spread
 
 FULL = (*DIAGONALS, *LINEAR)
 COLUMNS = ("pass_number", "stop", "position_mm", "reading_mm", "u_um", "beam_mm", "time_s")
@@ -61,8 +63,9 @@ def found_in(readings, **assumed):
     return adjust(lay_out(readings), "FXYZ", assumed=Assumptions(**assumed))
 
 
-@pytest.mark.parametrize("way", [*WAYS, "three orders"])
-@pytest.mark.parametrize("misses_um", [0.1, 0.5, 1.5])
+@pytest.mark.parametrize(
+    ("way", "misses_um"), spread([*product([*WAYS, "three orders"], [0.1, 0.5, 1.5])], 2)
+)
 def test_the_repeatability_is_found_in_every_kind_of_survey(way, misses_um):
     """0.5 µm assumed. The mean over four surveys within a quarter, each within a factor of 1.7:
     some 25 to 100 moves are checked in each.

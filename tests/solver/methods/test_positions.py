@@ -3,6 +3,7 @@ answer is that of the exact positions."""
 
 import json
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from stepdiag.solver.methods.solve import solve
 from testkit.cli import stepdiag
 from testkit.exact.beside import Beside, as_exact, as_written, rounded, scattered
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
-from testkit.examples import few
+from testkit.examples import few, spread
 
 STEEPEST_UM = 150.0
 """Over the length of the axis in mm: the slope of the drawn functions in um/mm. A node's value
@@ -175,19 +176,28 @@ def test_on_every_chain(chain):
     )
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"turned": True},
-        {"joined": False},
-        {"passes": (1,)},
-        {"passes": (1, 2, 3, 4)},
-        {"axis_order": "zxy"},
-        {"targets_mm": FINE},
-    ],
-    ids=lambda how: next(iter(how)),
+WAYS = (
+    {"turned": True},
+    {"joined": False},
+    {"passes": (1,)},
+    {"passes": (1, 2, 3, 4)},
+    {"axis_order": "zxy"},
+    {"targets_mm": FINE},
 )
-@pytest.mark.parametrize("size_um", [3.0, 90.0])
+
+
+@pytest.mark.parametrize(
+    ("how", "size_um"),
+    spread(
+        [
+            (how, size_um)
+            for first, how in zip(cycle((3.0, 90.0)), WAYS, strict=False)
+            for size_um in (first, 93.0 - first)
+        ],
+        2,
+    ),
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else None,
+)
 def test_however_the_survey_was_driven(how, size_um):
     same_answer(
         Beside(

@@ -3,6 +3,7 @@ kept through JSON."""
 
 import re
 import string
+from collections.abc import Callable
 from typing import get_args
 
 import msgspec
@@ -61,8 +62,7 @@ def sample(key: str) -> Message:
     return message(key, **{name: GIVEN[kind] for name, kind in slots(key).items()})
 
 
-@pytest.mark.parametrize("key", KEYS)
-def test_every_message_is_said_in_every_language(key: str) -> None:
+def in_every_language(key: str) -> None:
     """No slot stays open, no number is left out, no English word is in the German, and figures have
     a decimal comma there."""
     english, german = (rendered(sample(key), language) for language in ("en", "de"))
@@ -75,8 +75,7 @@ def test_every_message_is_said_in_every_language(key: str) -> None:
     assert not re.search(r"\b\d+\.\d+ (µm|um|mm|s|%)", german)
 
 
-@pytest.mark.parametrize("key", KEYS)
-def test_arguments_have_the_names_and_types_of_the_catalogue(key: str) -> None:
+def of_named_and_typed_arguments(key: str) -> None:
     """One too few, one too many and one of another type are refused."""
     given_ = {name: GIVEN[kind] for name, kind in slots(key).items()}
     with pytest.raises(TypeError, match="expected the arguments"):
@@ -89,8 +88,7 @@ def test_arguments_have_the_names_and_types_of_the_catalogue(key: str) -> None:
                 message(key, **{**given_, name: WRONG[kind]})
 
 
-@pytest.mark.parametrize("key", KEYS)
-def test_a_number_of_a_unit_is_a_number(key: str) -> None:
+def of_numbers_with_units(key: str) -> None:
     """A unit stands in the name of a number and nowhere else."""
     units = ("_um", "_mm", "_mrad", "_urad", "_s", "_hz", "_percent", "_um_m", "_c", "_ppm", "_hpa")
     assert [
@@ -100,8 +98,7 @@ def test_a_number_of_a_unit_is_a_number(key: str) -> None:
     ] == []
 
 
-@pytest.mark.parametrize("key", KEYS)
-def test_a_message_is_the_same_after_a_journey(key: str) -> None:
+def the_same_after_a_journey(key: str) -> None:
     """Through a result's JSON, and through the pipe to the page."""
     said = sample(key)
     assert message_of(msgspec.json.decode(msgspec.json.encode(message_json(said)))) == said
@@ -109,6 +106,26 @@ def test_a_message_is_the_same_after_a_journey(key: str) -> None:
     assert [rendered(back, language) for language in LANGUAGES] == [
         rendered(said, language) for language in LANGUAGES
     ]
+
+
+@pytest.mark.parametrize(
+    "holds",
+    [
+        in_every_language,
+        of_named_and_typed_arguments,
+        of_numbers_with_units,
+        the_same_after_a_journey,
+    ],
+)
+def test_every_message(holds: Callable[[str], None]) -> None:
+    """One test for all messages: a test for each costs more than what it asks."""
+    wrong = {}
+    for key in KEYS:
+        try:
+            holds(key)
+        except (AssertionError, pytest.fail.Exception) as failure:
+            wrong[key] = str(failure)
+    assert wrong == {}
 
 
 FOREIGN = [
