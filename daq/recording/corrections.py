@@ -176,6 +176,18 @@ def drives_otherwise(recorded: str, text: str) -> bool:
     return found is None or any(each.begins_round for each in found)
 
 
+def has_further(text: str, recorded: str) -> bool:
+    """Return whether a survey file has further setups than that of a log, and drives the others as
+    before, whatever it corrects.
+    """
+    try:
+        before, after = parse_survey(recorded, "log"), parse_survey(text, "survey")
+    except StepdiagError:
+        return False
+    rest = without_further(after, before)
+    return rest is not after and not any(each.begins_round for each in changes(before, rest))
+
+
 def must_reread(logs: Sequence[Path], text: str) -> bool:
     """Return whether the logs' own notes do not hold what a survey file makes of them."""
     recorded = dict.fromkeys(open_log(log).header.survey_text for log in logs)

@@ -36,6 +36,7 @@ from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
 from stepdiag.daq.recording.corrections import (
     Correction,
     compared,
+    has_further,
     must_reread,
     note_correction,
     reread,
@@ -45,7 +46,6 @@ from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import begun_logs
-from stepdiag.daq.survey.amended import extends
 
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
@@ -164,9 +164,7 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     last = gone_on_with(rounds[-1], survey_text)
     logs = begun_logs(last)
     recorded = text_of(last, logs)
-    changed = (
-        [] if not recorded or extends(survey_text, recorded) else compared(recorded, survey_text)
-    )
+    changed = compared(recorded, survey_text) if recorded else []
     if (last / RESULT).exists() or changed is None or any(each.begins_round for each in changed):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
     if changed:
@@ -197,16 +195,12 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 
 def gone_on_with(folder: Path, survey_text: str) -> Path:
     """Return the folder of a round without a result: the round itself; if a survey file has further
-    setups than a round with a result, a new round with the same logs. Statements of the operator or
-    the solver beside the logs are in it, too.
+    setups than a round with a result, and drives these as before, a new round with the same logs.
+    Statements of the operator or the solver beside the logs are in it, too.
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
-    if (
-        not (folder / RESULT).exists()
-        or survey_text in recorded
-        or not all(extends(survey_text, one) for one in recorded)
-    ):
+    if not (folder / RESULT).exists() or not all(has_further(survey_text, one) for one in recorded):
         return folder
     new = folder.with_name(f"{int(folder.name) + 1:04d}")
     if not new.exists():

@@ -175,3 +175,14 @@ def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]
         np.column_stack(held),
         scatter,
     )
+
+
+def unit_u(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, float]:
+    """Return, before a drive, the u (k = 1) of the factor of each function's tables along some
+    ways, for readings that scatter by 1 um. A function without a seen effect is left out.
+    """
+    seen = columns(tables, ways)
+    if not seen:
+        return {}
+    fit = regressed(ways, np.zeros(sum(len(way.stops_mm) for way in ways)), seen)
+    return dict(zip(seen, (fit.u / fit.sigma_um).tolist(), strict=True))

@@ -23,7 +23,6 @@ than U of the survey's own readings.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations, product
 from typing import Literal
 
@@ -34,7 +33,14 @@ from stepdiag.base.messages import message
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, rms
-from stepdiag.exporters.proof.change import changes, columns, exchanged, regressed, ways_of
+from stepdiag.exporters.proof.change import (
+    changes,
+    columns,
+    exchanged,
+    regressed,
+    unit_u,
+    ways_of,
+)
 from stepdiag.exporters.safety.verdicts.regression import SIZED, Measured
 from stepdiag.exporters.safety.verdicts.verdict import Code
 from stepdiag.exporters.tables.tables import Table
@@ -257,19 +263,29 @@ def prove(
 def _further(
     case: _Case, before: Readings, after: Readings, proved: Sequence[Proved]
 ) -> tuple[str, ...]:
-    """Return the setups, not driven again yet, that show the undecided tables most."""
-    missing = [each.function for each in proved if each.state == "undecided"]
-    rest = [name for name in dict.fromkeys(before.setup) if name not in after.setup]
-    if not missing or not rest:
-        return ()
-    seen = {
-        name: columns(case.tables, [way for way, _ in ways_of(before, [name])]) for name in rest
+    """Return the setups, not driven again yet, beside which the undecided tables get the least u,
+    as few as show all that the survey shows of them.
+    """
+    missing = {each.function for each in proved if each.state == "undecided"}
+    ways = {
+        name: [way for way, _ in ways_of(before, [name])]
+        for name in dict.fromkeys(before.setup)
+        if name not in after.setup
     }
+    shown = {name: missing & columns(case.tables, own).keys() for name, own in ways.items()}
+    driven, found = list(case.ways), list[str]()
 
-    def shown_um(function: str, setup: str) -> float:
-        return float(np.std(seen[setup][function])) if function in seen[setup] else 0.0
+    def left(setup: str) -> tuple[int, float]:
+        seen_u = unit_u(case.tables, [*driven, *ways[setup]])
+        us = [u for name, u in seen_u.items() if name in missing]
+        return -len(us), max(us)
 
-    return tuple(dict.fromkeys(max(rest, key=partial(shown_um, name)) for name in missing))
+    rest = [name for name, seen in shown.items() if seen]
+    while rest:
+        found.append(min(rest, key=left))
+        driven += ways[found[-1]]
+        rest = [name for name in rest if shown[name] - columns(case.tables, driven).keys()]
+    return tuple(found)
 
 
 def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:

@@ -15,7 +15,7 @@ from stepdiag.base.readings.readings import Readings
 from stepdiag.base.readings.runs import Plan, run_minutes, setup_minutes
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import rms
-from stepdiag.exporters.proof.change import Way, columns, regressed, ways_of
+from stepdiag.exporters.proof.change import Way, columns, unit_u, ways_of
 from stepdiag.exporters.tables.tables import Table
 
 LINES = ("linear-x", "linear-y", "linear-z")
@@ -87,20 +87,17 @@ def _foreseen(
 ) -> tuple[Foreseen, ...]:
     there = [way for name in setups for way in ways[name]]
     seen = columns(acting, there)
-    if not seen:
-        return ()
-    fit = regressed(there, np.zeros(sum(len(way.stops_mm) for way in there)), seen)
     spreads = [
         found
         for name in setups
         if (found := result.setups[name].residual_um if name in result.setups else None) is not None
     ]
-    scatter_um = max([*spreads, USUAL_UM]) / fit.sigma_um
+    scatter_um = max([*spreads, USUAL_UM])
     return tuple(
         Foreseen(
             function=name,
-            seen_um=(size_um := rms(column - np.mean(column))),
-            expanded_um=float(2.0 * scatter_um * u * size_um),
+            seen_um=(size_um := rms(seen[name] - np.mean(seen[name]))),
+            expanded_um=2.0 * scatter_um * u * size_um,
         )
-        for (name, column), u in zip(seen.items(), fit.u, strict=True)
+        for name, u in unit_u(acting, there).items()
     )

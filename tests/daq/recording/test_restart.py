@@ -5,11 +5,12 @@ import pytest
 
 from stepdiag.base.findings import Finding
 from stepdiag.daq.log.codec import time_of
+from stepdiag.daq.recording.corrections import replay_corrected
 from stepdiag.daq.recording.rounds import latest_round
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.sinks import DirectSink
 from stepdiag.daq.records.survey_folder import RESULT
-from stepdiag.daq.replay import find_logs, replay
+from stepdiag.daq.replay import find_logs
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.driven import WALL_OFFSET_NS, Fault, Program, machine_of, survey_file
 from testkit.timeline import SETUPS as NUMBERS
@@ -148,15 +149,18 @@ def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_m
     ]
 
 
+@pytest.mark.parametrize("port", ["/dev/null", "/dev/ttyUSB1"], ids=["as-before", "other-port"])
 @pytest.mark.parametrize("solved", [False, True], ids=["open", "solved"])
-def test_a_survey_goes_on_with_further_setups_and_the_logs_that_exist(tmp_path, solved):
-    """One with a result stays as it is: what goes on is a new round with the same logs."""
+def test_a_survey_goes_on_with_further_setups_and_the_logs_that_exist(tmp_path, solved, port):
+    """One with a result stays as it is: what goes on is a new round with the same logs, at
+    whatever port the laser is by now."""
     first, rest = cut(tmp_path / "0001", survey_file(setups=("ppp",)) + HANDSHAKE, driven(), 3)
     first.close("died")
     if solved:
         (tmp_path / "0001" / RESULT).write_text("{}")
     before = {path.name: path.read_bytes() for path in (tmp_path / "0001").iterdir()}
-    text = survey_file(setups=SETUPS) + HANDSHAKE
+    text = survey_file(setups=SETUPS).replace("/dev/null", port) + HANDSHAKE
+    assert port in text
     begun = latest_round(tmp_path, text, {})
     assert (begun.folder.name, len(begun.stops)) == ("0002" if solved else "0001", 7)
     assert latest_round(tmp_path, text, {}).folder == begun.folder, "it is gone on with once"
@@ -165,7 +169,7 @@ def test_a_survey_goes_on_with_further_setups_and_the_logs_that_exist(tmp_path, 
     assert [(each.route.setup, each.whole) for each in second.book.passes] == [
         (setup, True) for setup in SETUPS
     ]
-    replayed = replay(find_logs([begun.folder]))
+    replayed = replay_corrected(find_logs([begun.folder]))
     assert replayed.survey.plan.all_setups == SETUPS
     assert [(each.route.setup, each.whole) for each in replayed.book.passes] == [
         (setup, True) for setup in SETUPS

@@ -191,6 +191,22 @@ def test_a_run_that_sees_nothing_of_a_table_does_not_keep_it():
     assert found.further
 
 
+def test_no_more_setups_are_named_than_show_what_is_open():
+    """One diagonal shows all that a line leaves open; a line along y shows nothing along z, and is
+    not named."""
+    for others, named in ((("ppp", "npp", "pnp", "ppn", "linear-y"), 1), (("linear-y",), 1)):
+        rig = Rig(8)
+        before = rig.readings({}, repeats=1, setups=("linear-x", *others))
+        found = prove(RESULT, before, rig.readings(ALL, setups=("linear-x",)), rig.tables())
+        assert len(found.further) == named
+    rig = Rig(8)
+    both = ("linear-x", "linear-y")
+    before = rig.readings({}, repeats=1, setups=(*both, "linear-z"))
+    tables = [table for table in rig.tables() if table.name != "EZZ"]
+    found = prove(RESULT, before, rig.readings(ALL, setups=both), tables)
+    assert (found.action, found.further) == ("undecided", ())
+
+
 def test_tables_that_acted_in_the_survey_count_as_replaced():
     """Old tables of 0.8 of the right size: the change is that from them to the new ones, and old
     ones left alone are no new ones."""

@@ -3,6 +3,7 @@ daemon, on the virtual machine."""
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -46,24 +47,94 @@ measuring_system = 1
 EXPORT = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
 
 
-def test_a_proof_run_keeps_right_tables_and_restores_turned_ones(tmp_path):
-    """The plan names diagonal, line, programs and what they will see; the run ends in status,
-    result and verdict, and with an exit code."""
-    (tmp_path / "siemens.toml").write_text(PROFILE, encoding="utf-8")
+@pytest.fixture(scope="module")
+def surveyed(tmp_path_factory):
+    """The folder of a machine that was surveyed, with its export."""
+    folder = tmp_path_factory.mktemp("surveyed")
+    (folder / "siemens.toml").write_text(PROFILE, encoding="utf-8")
     with (
         hall(
-            tmp_path, setups=SETUPS, n=6, back=True, size=SIZE, bench=MACHINE, exports=EXPORT
+            folder, setups=SETUPS, n=6, back=True, size=SIZE, bench=MACHINE, exports=EXPORT
         ) as place,
         daemon(place.survey) as process,
     ):
         place.start_setups()
         assert until(process, "survey-complete")[-1]["exit_code"] == 0
+    return folder
+
+
+def exported(surveyed: Path, folder: Path) -> list[Path]:
+    """Copy what the survey left into a folder of its own; return the exported files."""
+    shutil.copytree(surveyed, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("devices"))
     files = sorted(
         path
-        for path in (tmp_path / "hall" / "0001" / "exports" / "siemens").glob("*.INI")
+        for path in (folder / "hall" / "0001" / "exports" / "siemens").glob("*.INI")
         if "_RESTORE" not in path.name
     )
     assert len(files) == 2
+    return files
+
+
+def active(files: list[Path]) -> str:
+    """Return the lines of a bench whose control holds files."""
+    held = json.dumps([str(path) for path in files])
+    return f'[[compensation]]\ncontrol = "siemens"\nfiles = {held}\n'
+
+
+def planning(survey: Path, setups: tuple[str, ...]) -> None:
+    """Make a survey file plan these setups."""
+    text = survey.read_text(encoding="utf-8")
+    survey.write_text(
+        re.sub(r"(?m)^setups = .*", f"setups = {json.dumps(setups)}", text), encoding="utf-8"
+    )
+
+
+def record(place, survey: Path, setups: tuple[str, ...]) -> None:
+    """Record the setups that the bench drives by a survey file that plans these."""
+    planning(survey, setups)
+    with daemon(survey) as process:
+        place.start_setups()
+        assert until(process, "survey-complete")[-1]["exit_code"] == 0
+
+
+def test_an_undecided_proof_run_goes_on_with_the_setup_that_it_names(tmp_path, surveyed):
+    """A line alone leaves open all that acts along and across other axes: one diagonal decides
+    it, and the line is not driven again."""
+    driven = {
+        "n": 6,
+        "back": True,
+        "size": SIZE,
+        "exports": EXPORT,
+        "bench": MACHINE + active(exported(surveyed, tmp_path)),
+    }
+    with hall(tmp_path, setups=("linear-x",), **driven) as place:
+        planning(place.survey, SETUPS)
+        options = ("--controller", "siemens", "--minutes", "0.01", "--json")
+        planned = stepdiag("proof", place.survey, *options)
+        assert planned.code == 0, planned.refusal
+        survey = Path(json.loads(planned.out)["survey"])
+        record(place, survey, ("linear-x",))
+    shown = stepdiag("proof", survey, "--json")
+    verdict = json.loads(shown.out)
+    assert (shown.code, verdict["action"]) == (3, "undecided"), shown
+    right = [each["function"] for each in verdict["tables"] if each["state"] == "right"]
+    assert right == ["EXX"]
+    (further,) = verdict["further"]
+    assert further in SETUPS[:4]
+    assert f"Add {further} to the setups" in " ".join(stepdiag("proof", survey).out.split())
+    port = f"port = {place.ready['plc_port']}"
+    with hall(tmp_path, setups=(further,), plc_bench=port, **driven) as place:
+        record(place, survey, ("linear-x", further))
+    shown = stepdiag("proof", survey, "--json")
+    verdict = json.loads(shown.out)
+    assert (shown.code, verdict["action"], verdict["further"]) == (0, "keep", []), shown
+    assert [each["code"] for each in verdict["tables"]] == 9 * ["right"]
+
+
+def test_a_proof_run_keeps_right_tables_and_restores_turned_ones(tmp_path, surveyed):
+    """The plan names diagonal, line, programs and what they will see; the run ends in status,
+    result and verdict, and with an exit code."""
+    files = exported(surveyed, tmp_path)
     for number, sign in enumerate((1, -1), start=1):
         verdict = proved(
             tmp_path,
@@ -98,17 +169,13 @@ def loaded(folder: Path, path: Path, sign: int) -> Path:
 def proved(folder: Path, files: list[Path], name: str) -> dict:
     """Drive a proof run with files in the control; return the verdict that the command prints,
     after status and result hold the same."""
-    active = (
-        '[[compensation]]\ncontrol = "siemens"\nfiles = '
-        f"{json.dumps([str(path) for path in files])}\n"
-    )
     with hall(
         folder,
         setups=("ppp", "linear-x"),
         n=6,
         back=True,
         size=SIZE,
-        bench=MACHINE + active,
+        bench=MACHINE + active(files),
         exports=EXPORT,
     ) as place:
         export = folder / "hall" / "0001" / "exports" / "siemens"
@@ -132,15 +199,7 @@ def proved(folder: Path, files: list[Path], name: str) -> dict:
         assert {each["function"] for each in plan["foreseen"]} >= {"EXX", "EYX"}
         assert plan["repeats"] == 1
         survey = Path(plan["survey"])
-        text = survey.read_text(
-            encoding="utf-8"
-        )  # the bench drives these two, whichever the plan finds best
-        survey.write_text(
-            re.sub(r"(?m)^setups = .*", 'setups = ["ppp", "linear-x"]', text), encoding="utf-8"
-        )
-        with daemon(survey) as process:
-            place.start_setups()
-            assert until(process, "survey-complete")[-1]["exit_code"] == 0
+        record(place, survey, ("ppp", "linear-x"))  # as the bench drives, whatever the plan
     shown = stepdiag("proof", survey, "--json")
     verdict = json.loads(shown.out)
     assert shown.code == {"keep": 0, "restore": 5}[verdict["action"]], shown
