@@ -45,7 +45,16 @@ NEW_ROUND = (
     "plan.beam_offset",
 )
 """Fields that change the drive of the machine: another volume, target list or program."""
-READING = ("volume.axis_order", "plan.axis_orders", "laser", "plc", "head", "stop", "environment")
+READING = (
+    "volume.axis_order",
+    "plan.axis_orders",
+    "plan.alternate_orders",
+    "laser",
+    "plc",
+    "head",
+    "stop",
+    "environment",
+)
 """Fields that change the reading of registers and laser."""
 WAYS = (
     "port",

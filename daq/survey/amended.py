@@ -203,5 +203,6 @@ def _settings(plan: Plan) -> dict[str, str]:
         "return_pass": f"return_pass = {str(plan.return_pass).lower()}\n",
         "repeats": f"repeats = {plan.repeats}\n",
         "axis_orders": f"axis_orders = {json.dumps(plan.axis_orders)}\n",
+        "alternate_orders": f"alternate_orders = {str(plan.alternate_orders).lower()}\n",
         "dwell_s": f"dwell_s = {plan.dwell_s}\n",
     }

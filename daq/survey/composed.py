@@ -16,7 +16,11 @@ OWN_AIR = ("ids3010", "lasertex")
 """Lasers with sensors of their own."""
 _BAUDS = {"lasertex": 3_000_000}
 _WITHOUT_AIR = ("siemens-828d", "siemens-840dsl", "heidenhain", "none")
-_ADVISED = ('axis_orders = ["xyz", "yzx", "zxy"]', "targets = 40")
+_ADVISED = (
+    'axis_orders = ["xyz", "yzx", "zxy"]',
+    "alternate_orders = true",
+    "targets = 40",
+)
 LEAST, USUAL, MOST = 8, 10, 20
 """Numbers of increments that a new survey may have."""
 _ROUNDING_MM = 1e-6

@@ -100,6 +100,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     dwell_s: Positive = 2.0
     overrun_mm: NotNegative = 5.0
     axis_orders: tuple[AxisOrder, ...] = ()
+    alternate_orders: bool = False
     targets: Annotated[int, Meta(ge=0, le=MOST_INCREMENTS)] = 0
     diagonal_setup_min: NotNegative = 30.0
     linear_setup_min: NotNegative = 20.0
@@ -593,6 +594,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
                     return_pass=plan.return_pass,
                     beam_offset_mm=offsets.get(name, (0.0, 0.0, 0.0)),
                     axis_orders=plan.axis_orders,
+                    alternate=plan.alternate_orders,
                     targets=plan.targets,
                 )
                 for name in plan.all_setups

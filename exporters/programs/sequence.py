@@ -24,10 +24,10 @@ class Sequence:
 
     ``setups`` are run by a program each; a body diagonal measured again through a shifted beam is
     called ``ppp+1``: it drives the same stops and shows the PLC the same setup number, only the
-    laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders`` and ``targets`` are those
-    of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is the distance outside its first stop at
-    which a pass begins, so that every moving axis has taken up its backlash; 0 approaches from
-    nowhere.
+    laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and
+    ``targets`` are those of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is the distance
+    outside its first stop at which a pass begins, so that every moving axis has taken up its
+    backlash; 0 approaches from nowhere.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Sequence:
     overrun_mm: float = 5.0
     handshake: bool = False
     axis_orders: tuple[str, ...] = ()
+    alternate: bool = False
     targets: int = 0
     beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     commission: bool = False
@@ -56,6 +57,7 @@ class Sequence:
                 return_pass=self.return_pass,
                 beam_offset_mm=self.beam_offset_mm.get(setup, (0.0, 0.0, 0.0)),
                 axis_orders=self.axis_orders,
+                alternate=self.alternate,
                 targets=self.targets,
             )
             for setup in self.setups

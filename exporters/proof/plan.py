@@ -78,7 +78,9 @@ def plan_proof(
     once = sum(
         run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run) for run in runs
     )
-    repeats = max(int(minutes / once), 1)
+    # the proof needs the survey's readings at its own stops, which another order does not have
+    most = min((run.repeats for run in runs if run.alternate), default=int(minutes / once))
+    repeats = max(min(int(minutes / once), most), 1)
     return ProofPlan(setups=chosen, repeats=repeats, minutes=repeats * once, foreseen=foreseen)
 
 

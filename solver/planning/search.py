@@ -35,7 +35,8 @@ COARSE, MIDDLE = 6, 10
 INCREMENTS = range(8, 21)
 """Numbers of increments on offer; fewer leave too much between the targets, more gain nothing."""
 ORDERS = ("xyz", "yzx", "zxy")
-"""Of repeats in turn: alternating costs nothing and shows more of the angles (theory 5.2)."""
+"""Of setups and repeats in turn: to alternate costs nothing and shows more of the angles (theory
+5.2)."""
 LEAST_MISSED = 6
 """Number of the least valuable lines tried for removal in each exchange."""
 LEAST_GAIN = 3e-3
@@ -58,6 +59,7 @@ class Ways:
     repeats: int
     return_pass: bool
     axis_orders: tuple[str, ...]
+    alternate: bool
     dwell_s: float
 
     @property
@@ -68,7 +70,13 @@ class Ways:
     def of(self, run: Run) -> Run:
         """Return a run driven so."""
         orders = self.axis_orders if setup_of(run.setup).kind in ("step", "face") else ()
-        return replace(run, repeats=self.repeats, return_pass=self.return_pass, axis_orders=orders)
+        return replace(
+            run,
+            repeats=self.repeats,
+            return_pass=self.return_pass,
+            axis_orders=orders,
+            alternate=self.alternate and bool(orders),
+        )
 
 
 def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
@@ -79,7 +87,8 @@ def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
         Ways(
             repeats=repeats,
             return_pass=back,
-            axis_orders=ORDERS[:repeats] if repeats > 1 else (),
+            axis_orders=ORDERS,
+            alternate=True,
             dwell_s=dwell,
         )
         for dwell in dict.fromkeys((dwell_s, *about.dwells_s))
@@ -146,10 +155,15 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
     """
     runs: list[Run] = []
     number: dict[str, int] = {}
-    for run in sorted(
-        lines, key=lambda run: (DRIVEN_SETUPS.index(setup_of(run.setup).base), run.beam_offset_mm)
-    ):
-        base = setup_of(run.setup).base
+    usual = {run.travel.base for run in lines if not any(run.beam_offset_mm)}
+
+    def place(run: Run) -> tuple[bool, int, tuple[float, float, float]]:
+        # a survey file names the setups on their usual lines, then what lies beside them
+        base = run.travel.base
+        return base not in usual, DRIVEN_SETUPS.index(base), run.beam_offset_mm
+
+    for run in sorted(lines, key=place):
+        base = run.travel.base
         number[base] = number.get(base, 0) + any(run.beam_offset_mm)
         runs.append(
             ways.of(

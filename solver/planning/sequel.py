@@ -134,11 +134,14 @@ def _line(run: Run) -> Run:
 def _ways(survey: Plan) -> Ways:
     """Return how the plan drives its setups: all alike."""
     runs = survey.runs
-    orders = next((run.axis_orders for run in runs if run.axis_orders), ())
+    orders, alternate = next(
+        ((run.axis_orders, run.alternate) for run in runs if run.axis_orders), ((), False)
+    )
     return Ways(
         repeats=runs[0].repeats,
         return_pass=runs[0].return_pass,
         axis_orders=orders,
+        alternate=alternate,
         dwell_s=survey.pace.dwell_s,
     )
 

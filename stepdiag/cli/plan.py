@@ -121,6 +121,9 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
     from stepdiag.daq.survey.models import BeamOffset
 
     shifted = [run for run in plan.runs if any(run.beam_offset_mm)]
+    orders, alternate = next(
+        ((run.axis_orders, run.alternate) for run in plan.runs if run.axis_orders), ((), False)
+    )
     offsets = tuple(
         msgspec.convert(
             {"setup": setup_of(run.setup).base, "offset_mm": run.beam_offset_mm}, BeamOffset
@@ -132,7 +135,8 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
         setups=tuple(run.setup for run in plan.runs if run not in shifted),
         repeats=max(run.repeats for run in plan.runs),
         return_pass=any(run.return_pass for run in plan.runs),
-        axis_orders=next((run.axis_orders for run in plan.runs if run.axis_orders), ()),
+        axis_orders=orders,
+        alternate_orders=alternate,
         dwell_s=plan.pace.dwell_s,
         beam_offset=offsets,
     )

@@ -81,7 +81,7 @@ def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[
             survey.plan,
             setups=tuple(setups),
             repeats=repeats,
-            axis_orders=survey.plan.axis_orders[:1],
+            axis_orders=survey.plan.axis_orders[: None if survey.plan.alternate_orders else 1],
             beam_offset=(),
         )
         return as_proof(

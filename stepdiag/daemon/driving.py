@@ -64,6 +64,7 @@ def sequence_of(survey: Survey) -> Sequence:
         overrun_mm=plan.overrun_mm,
         handshake=survey.plc.handshake.enabled,
         axis_orders=plan.axis_orders,
+        alternate=plan.alternate_orders,
         targets=plan.targets,
         beam_offset_mm={run.setup: run.beam_offset_mm for run in survey.planned.runs},
     )

@@ -21,7 +21,8 @@ class Run:
     ``beam_offset_mm``: distance of its line from the usual line. Axes that stand in the setup stand
     so far from their low end; across the travel of the others the beam lies beside the usual line.
     ``axis_orders``: the orders in which a step diagonal moves its axes, for its repeats in turn;
-    without it the order of the plan. ``targets``: of a linear run, about so many and irregular
+    without it the order of the plan. ``alternate``: whether setups begin with other ones of them.
+    ``targets``: of a linear run, about so many and irregular
     (`irregular_mm`); 0: the nodes.
     """
 
@@ -30,6 +31,7 @@ class Run:
     return_pass: bool = True
     beam_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     axis_orders: tuple[str, ...] = ()
+    alternate: bool = False
     targets: int = 0
 
     @property
@@ -43,11 +45,20 @@ class Run:
         return setup_of(self.setup, "plan: setup")
 
     @property
+    def orders(self) -> tuple[str, ...]:
+        """Return the stated orders from that of its first repeat on."""
+        if not self.alternate or self.travel.kind not in ("step", "face"):
+            return self.axis_orders
+        # by its name: a further setup leaves the orders of the others as they are
+        first = self.travel.order[0] % max(len(self.axis_orders), 1)
+        return (*self.axis_orders[first:], *self.axis_orders[:first])
+
+    @property
     def driven_orders(self) -> tuple[str, ...]:
         """Return the stated orders that its repeats drive, each once; none if a single axis
         moves."""
         several = self.travel.kind in ("step", "face")
-        return tuple(dict.fromkeys(self.axis_orders[: self.repeats])) if several else ()
+        return tuple(dict.fromkeys(self.orders[: self.repeats])) if several else ()
 
     @property
     def pass_numbers(self) -> range:
@@ -116,7 +127,7 @@ def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
 
 def order_of(plan: Plan, run: Run, number: int) -> str:
     """Return the order in which a pass moves the axes: a way out and its way back have the same."""
-    orders = run.axis_orders or (plan.axis_order,)
+    orders = run.orders or (plan.axis_order,)
     return orders[(number - 1) // 2 % len(orders)]
 
 

@@ -137,6 +137,26 @@ def test_a_wrong_order_is_named_in_the_line_that_decides_it(machine, tmp_path):
     assert not [each for each in again.findings if each.severity == "error"]
 
 
+def test_a_program_of_one_order_is_named_where_the_survey_alternates(tmp_path):
+    """The first diagonal is driven as stated; the second is not, by its third stop."""
+    shop = shop_of("axis order", machine="all")
+    text = survey_of(replace(shop, order="xyz", value="xyz"))
+    stated = "[plan]\naxis_orders = {}\nalternate_orders = true\n"
+    text = text.replace("[plan]\n", stated.format('["xyz", "yzx", "zxy"]'), 1)
+    shop = replace(shop, order="xyz", value="xyz")
+    found = surveyed(shop, tmp_path / "recorded", text=text, files=False)
+    advice = [
+        (each.message.arguments["line"], each.message.arguments["value"])
+        for each in found.findings
+        if each.severity == "error" and "line" in each.message.arguments
+    ]
+    assert set(advice) == {("plan.axis_orders", '["xyz"]')}
+    right = text.replace(stated.format('["xyz", "yzx", "zxy"]'), stated.format('["xyz"]'))
+    again = surveyed(shop, tmp_path / "right", text=right, files=False)
+    assert again.passes == again.wanted
+    assert not [each for each in again.findings if each.severity == "error"]
+
+
 def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
     """760 mmHg is no pressure of 760 hPa where [environment] states sea level."""
     shop = next(

@@ -275,6 +275,9 @@ def test_the_plan_fills_ten_minutes_and_foresees_every_table():
     assert plan.minutes <= 10.0 < plan.minutes * (plan.repeats + 1) / plan.repeats
     assert [each.function for each in plan.foreseen] == list(NAMES)
     assert all(each.expanded_um < each.seen_um for each in plan.foreseen)
+    once = replace(driven, runs=tuple(replace(run, alternate=True) for run in driven.runs))
+    assert plan.repeats > 1, "another repeat would drive an order without readings"
+    assert plan_proof(RESULT, rig.readings({}, repeats=1), once, rig.tables(), 10.0).repeats == 1
     lines, readings = replace(driven, runs=driven.runs[1:]), rig.readings({}, repeats=1)
     with pytest.raises(DataError, match="body diagonal"):
         plan_proof(RESULT, readings, lines, [rig.table("EXX")], 10.0)

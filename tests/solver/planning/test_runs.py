@@ -62,6 +62,28 @@ def test_orders_that_no_repeat_drives_are_not_named(setup, repeats, driven):
     assert run.driven_orders == driven
 
 
+@pytest.mark.parametrize(
+    ("setup", "first"),
+    [
+        ("ppp", "xyz"),
+        ("ppp+2", "xyz"),
+        ("npp", "yzx"),
+        ("pnp", "zxy"),
+        ("ppn", "xyz"),
+        ("linear-x", "xyz"),
+        ("fourdof-x", "xyz"),
+    ],
+)
+def test_setups_begin_with_orders_of_their_own(setup, first):
+    """By their names: a survey that goes on with further setups drives the others as before."""
+    orders = ("xyz", "yzx", "zxy")
+    run = Run(setup=setup, repeats=3, axis_orders=orders, alternate=True)
+    driven = [order_of(plan(run), run, number) for number in run.pass_numbers[::2]]
+    place = orders.index(first)
+    assert driven == [*orders[place:], *orders[:place]]
+    assert Run(setup=setup, alternate=True).orders == ()
+
+
 def test_repeats_move_their_axes_in_orders_of_their_own():
     run = Run(setup="ppp", repeats=3, axis_orders=("xyz", "zxy"))
     survey = plan(run)

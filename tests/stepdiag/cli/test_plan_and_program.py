@@ -12,6 +12,7 @@ from stepdiag.base.volume import Volume
 from stepdiag.daq.survey.composed import MachineClass, begun
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.exporters.files.sets import whole
+from stepdiag.solver.planning.search import ORDERS
 from stepdiag.terminal.plan_tables import lines_in_words
 from stepdiag.terminal.viewer import shown
 from testkit.cli import stepdiag
@@ -256,8 +257,12 @@ class TestPlan:
         """A shifted line without its usual line comes after all setups on usual lines."""
         survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
         done = stepdiag("plan", survey, "--minutes", 240, "--apply")
-        drives = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan.all_setups
-        assert f"[plan] now drives {', '.join(drives)};" in " ".join(done.refusal.split())
+        plan = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan
+        assert f"[plan] now drives {', '.join(plan.all_setups)};" in " ".join(done.refusal.split())
+        assert f"BEST SURVEY for the request: {', '.join(plan.all_setups)}" in " ".join(
+            done.out.split()
+        )
+        assert (plan.axis_orders, plan.alternate_orders) == (ORDERS, True)
 
     def test_writes_nothing_where_nothing_fits(self, survey):
         before = survey.read_bytes()

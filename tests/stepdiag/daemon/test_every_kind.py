@@ -71,6 +71,14 @@ KINDS = {
         (steps((-1, 1, 1), "yzx"), steps((-1, 1, 1), "zxy")),
         (-1, 1, 1),
     ),
+    "an order of axes for each setup": Kind(
+        'setups = ["pnp"]\naxis_orders = ["xyz", "yzx", "zxy"]\nalternate_orders = true\n',
+        "pnp",
+        3,
+        (0, 200, 0),
+        (steps((1, -1, 1), "zxy"),),
+        (1, -1, 1),
+    ),
     "a beam shifted by any amount": Kind(
         moved("ppp", (0.0, 37.5, 0.0)), "ppp+1", 1, (0, 0, 0), (steps((1, 1, 1), "xyz"),), (1, 1, 1)
     ),
