@@ -87,8 +87,8 @@ def begun(usual: MachineClass, source: str) -> str:
     text = _advised()
     for section, key, value in usual.settings():
         text = _set(text, section, key, value)
-    parse_survey(text, source)
-    return text
+    size_mm = parse_survey(text, source).box.size_mm
+    return _set(text, "volume", "increments", str(increments_for(size_mm, usual.pitch_mm)))
 
 
 def _advised() -> str:
@@ -102,19 +102,24 @@ def _advised() -> str:
 
 
 def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
-    """Return the number of increments next to `USUAL` whose steps are whole micrometres, as a
-    program states them, and in step with no screw of a pitch; in step where there is no other."""
+    """Return the number of increments whose steps are whole micrometres, as a program states them,
+    and in step with no screw of a pitch; where there is none, with the fewest, whole turns before
+    half turns. Of several such numbers it is the next to `USUAL`."""
     size = list(size_mm)
-    usual = sorted(range(LEAST, MOST + 1), key=lambda n: (abs(n - USUAL), -n))
     whole = [
         n
-        for n in usual
+        for n in range(LEAST, MOST + 1)
         if all(abs(edge_mm / n - round(edge_mm / n, 3)) < _ROUNDING_MM for edge_mm in size)
     ]
-    return next(
-        (n for n in whole if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in size)),
-        (whole or [USUAL])[0],
-    )
+
+    def unfit(n: int) -> tuple[bool, int, int, int, int]:
+        steps = [edge_mm / n for edge_mm in size]
+        # of twice the pitch, half is a turn
+        turns = sum(in_step(step_mm, 2.0 * pitch_mm) for step_mm in steps)
+        half_turns = sum(in_step(step_mm, pitch_mm) for step_mm in steps)
+        return half_turns > 0, turns, half_turns, abs(n - USUAL), -n
+
+    return min(whole or [USUAL], key=unfit)
 
 
 def plc_section(control: str, host: str, tcp_port: int) -> str:

@@ -40,7 +40,7 @@ def cut_off(tmp_path: Path) -> Path:
 def test_init_writes_a_survey_that_validates_and_nothing_over_it(tmp_path: Path) -> None:
     path = tmp_path / "survey.toml"
     assert "stepdiag check" in run("init", path)
-    assert load_survey(path).volume.increments == 10
+    assert load_survey(path).volume.increments == 16
     written = path.read_bytes()
     assert b"\r" not in written
     with pytest.raises(
