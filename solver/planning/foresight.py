@@ -68,8 +68,8 @@ class Foresight:
     """Forecast of a survey's statements, from the information of its setups
     (`solver.planning.information`); each figure on its first request.
 
-    Every function starts from its usual size, so that a further run can only help. ``increments``
-    is the fineness of the survey: the layout may be a coarser version of the same runs.
+    ``increments`` is the fineness of the survey: the layout may be a coarser version of the same
+    runs.
     """
 
     layout: Layout
@@ -124,7 +124,13 @@ class Foresight:
     def full(self) -> tuple[float, float]:
         """Return root mean square over the volume and degrees of freedom with everything as
         usual."""
-        return self.of.over(self.information, self.of.precision())
+        return self.of.over(self.information, self.of.precision(self.usual_u))
+
+    @cached_property
+    def usual_u(self) -> Vector:
+        """Return the usual sizes of what will not be identified; the adjustment holds nothing that
+        is identified to a size."""
+        return np.where(self.missed[0], self.of.usual_u, np.inf)
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
@@ -149,7 +155,7 @@ class Foresight:
     def left_um(self) -> Interval:
         """Return what an ideal compensation will be predicted to leave, at k = 2, as
         `solver.result.prediction` does after the survey."""
-        u, of = self.of.usual_u, self.of
+        u, of = self.usual_u, self.of
         both, freedom = self.full
         quiet = of.over(self.information, of.precision(u, _NEXT_TO_NONE))[0]
         missing, missed = self.missed
