@@ -13,15 +13,15 @@ import numpy as np
 
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume, rms
+from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
-from stepdiag.exporters.safety.verdicts.case import NODES, grid_mm, growing_um
+from stepdiag.exporters.safety.verdicts.case import NODES, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
@@ -80,7 +80,7 @@ def _folded(tables: list[Table]) -> list[Table]:
     """
     found = {table.name: table for table in tables}
     for squareness, target in FOLD_DEFAULT.items():
-        (other,) = [name for name in SQUARENESS_SLOPE[squareness] if name != target]
+        other = FOLD_OTHER[squareness]
         ends, value = found[other].position_mm[[0, -1]], found[other].value_um[[0, -1]]
         slope = float((value[1] - value[0]) / (ends[1] - ends[0]))
         for name, sign in ((other, -1.0), (target, 1.0)):
@@ -92,7 +92,7 @@ def _folded(tables: list[Table]) -> list[Table]:
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     """Yield what grows with a lever, for every output, axis and lever where it is more than
     nothing."""
-    points = grid_mm(volume)
+    points = grid_points_mm(volume, NODES)
     moved = moved_um(points)
     for output in range(3):
         values = moved[:, output].reshape(NODES, NODES, NODES)
