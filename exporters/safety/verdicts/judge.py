@@ -184,19 +184,14 @@ def _says(
     case: TableCase, code: Code, words: Message, fit: Fit | None = None, factor: float | None = None
 ) -> Judgement:
     """Return a judgement with the figures of a regression."""
-    label = message("of-table", label=case.table.label, what=words)
-    if fit is None:
-        return Judgement(
-            function=case.table.name, table=case.table, code=code, words=label, factor=factor
-        )
     return Judgement(
         function=case.table.name,
         table=case.table,
         code=code,
-        words=label,
-        factor=fit.factor,
-        rms_um=fit.rest_um,
-        largest_um=fit.largest_um,
+        words=message("of-table", label=case.table.label, what=words),
+        factor=factor if fit is None else fit.factor,
+        rms_um=None if fit is None else fit.rest_um,
+        largest_um=None if fit is None else fit.largest_um,
     )
 
 
