@@ -24,8 +24,9 @@ from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
-from stepdiag.exporters.safety.standing import Standing, lost_in_field
+from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.case import COVERED
+from stepdiag.exporters.safety.verdicts.lattice import lost_in_field
 from stepdiag.exporters.safety.verify import (
     Prediction,
     harm_findings,

@@ -18,7 +18,7 @@ from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.controller import Controller, Switching
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table
+from stepdiag.exporters.tables.tables import Table, same_lever
 
 BEFORE: Mapping[str, str] = {
     "fanuc": "Punch pitch data and parameters out (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH)",
@@ -49,8 +49,6 @@ _UNIT_SHARE = 0.51
 _LEAST_UM = 2e-3
 """The last digit of what is read from a running control."""
 _PLACE_MM = 1e-3
-_SAME = 1e-6
-"""Multipliers are numbers about 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +163,7 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
     if (
         not alike
         or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM
-        or not _same_lever(wanted, held)
+        or not same_lever(wanted, held)
     ):
         yield finding("error", message("read-back-differs.grid", label=label))
         return
@@ -180,13 +178,3 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
             "error",
             message("read-back-differs", label=label, count=int(off.sum()), where=where, **pair),
         )
-
-
-def _same_lever(one: Table, other: Table) -> bool:
-    if one.multiplier is None or other.multiplier is None:
-        return one.multiplier is other.multiplier
-    at = one.multiplier.position_mm
-    same_axis = one.multiplier.axis == other.multiplier.axis
-    return same_axis and bool(
-        np.allclose(one.multiplier.value, other.multiplier.at(at), rtol=0, atol=_SAME)
-    )

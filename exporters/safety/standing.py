@@ -6,7 +6,7 @@ that act afterwards, new and old, and an old table that goes on beside a new tab
 or that vanishes unasked, stops the export.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +14,11 @@ import numpy as np
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
+from stepdiag.exporters.tables.tables import Table, correction_um, same_lever, summed_um
 
-_ALONG = 11
-"""Points along an axis at which an old correction of the field is looked at."""
-_NOTHING_UM = 1.0
+NOTHING_UM = 1.0
 """A slope or an end that is lost is worth a warning from here on."""
 
 
@@ -50,20 +47,13 @@ class Standing:
         return tuple(
             old
             for old in self.before
-            if old.name not in named
-            and old.value_um.any()
-            and not any(table.identity == old.identity and _same(table, old) for table in held)
+            if old.name not in named and old.value_um.any() and not _stands(old, held)
         )
 
     def foreign(self) -> tuple[Table, ...]:
         """Return what stays without having acted so before: a table that multiplied another, or
         whose numbers are partly overwritten."""
-        old = {table.identity: table for table in self.before}
-        return tuple(
-            table
-            for table in self.staying
-            if table.identity not in old or not _same(table, old[table.identity])
-        )
+        return tuple(table for table in self.staying if not _stands(table, self.before))
 
     def acting(
         self, result: Result, profile: Profile
@@ -170,48 +160,6 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
             return
 
 
-def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Iterator[Finding]:
-    """Yield the losses if a correction of the whole field takes the place of ``moved_um``, which
-    was off during the measurement.
-
-    ``moved_um`` takes points (n, 3) and returns the old correction's movement there (n, 3). An
-    error if the result lacks a function of the old correction, a warning if it lacks the slope.
-    """
-    low, size = np.asarray(result.volume.origin_mm), np.asarray(result.volume.size_mm)
-    rise_um = {}
-    for along, letter in enumerate("XYZ"):
-        points = np.tile(low + size / 2.0, (_ALONG, 1))
-        points[:, along] = low[along] + size[along] * np.linspace(0.0, 1.0, _ALONG)
-        moved = moved_um(points)
-        for axis, output in enumerate("XYZ"):
-            name = f"E{output}{letter}"
-            rise_um[name] = float(moved[-1, axis] - moved[0, axis])
-            held_um = float(np.ptp(moved[:, axis]))
-            function = result.errors.get(name)
-            if held_um > _NOTHING_UM and (function is None or function.value is None):
-                yield finding("error", message("old-table-lost.lattice", name=name, um=held_um))
-            elif (
-                name[1] == name[2]
-                and function is not None
-                and not function.slope_identified
-                and abs(rise_um[name]) > _NOTHING_UM
-            ):
-                yield _slope_of(name, rise_um[name])
-    for name, functions in SQUARENESS_SLOPE.items():
-        squareness = result.squareness.get(name)
-        # a turn of the workpiece moves the two functions by opposite slopes: their sum is what
-        # leans
-        leans_um = sum(
-            sign * rise_um[each] / size["XYZ".index(each[2])] for each, sign in functions.items()
-        ) * float(np.max(size))
-        if (squareness is None or squareness.value is None) and abs(leans_um) > _NOTHING_UM:
-            yield _slope_of(name, leans_um)
-
-
-def _slope_of(name: str, rise_um: float) -> Finding:
-    return finding("warning", message("old-table-lost.slope", name=name, um=rise_um))
-
-
 def _chosen(result: Result, table: Table) -> bool:
     """Return whether a product that is lost was weighed against others: the prediction judges what
     its loss does."""
@@ -234,7 +182,7 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
         lost_um = float(
             np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way)))
         )
-        if lost_um > _NOTHING_UM:
+        if lost_um > NOTHING_UM:
             yield finding(
                 "warning",
                 message(
@@ -256,26 +204,20 @@ def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
     rise_um = sum(
         float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old
     ) / len({each.direction for each in old})
-    if abs(rise_um) > _NOTHING_UM:
+    if abs(rise_um) > NOTHING_UM:
         yield finding(
             "warning", message("old-table-lost.slope-of-table", label=table.label, rise_um=rise_um)
         )
 
 
-def _same(one: Table, other: Table) -> bool:
-    alike = np.array_equal(one.position_mm, other.position_mm) and np.array_equal(
-        one.value_um, other.value_um
-    )
-    if one.multiplier is None or other.multiplier is None:
-        return alike and one.multiplier is other.multiplier
-    pairs = (
-        (one.multiplier.position_mm, other.multiplier.position_mm),
-        (one.multiplier.value, other.multiplier.value),
-    )
-    return (
-        alike
-        and one.multiplier.axis == other.multiplier.axis
-        and all(np.array_equal(*pair) for pair in pairs)
+def _stands(table: Table, among: Iterable[Table]) -> bool:
+    """Return whether a table stands among others, in its place and with its numbers."""
+    return any(
+        each.identity == table.identity
+        and np.array_equal(each.position_mm, table.position_mm)
+        and np.array_equal(each.value_um, table.value_um)
+        and same_lever(each, table)
+        for each in among
     )
 
 

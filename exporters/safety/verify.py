@@ -22,7 +22,7 @@ from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import DISPLACEMENTS, Result
 from stepdiag.base.result.stretches import harmed
 from stepdiag.base.result.waves import coarse_functions, hiding_functions
-from stepdiag.base.volume import Vector, Volume, anywhere_mm
+from stepdiag.base.volume import Vector, Volume, anywhere_mm, grid_points_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import quick_profile
@@ -169,15 +169,6 @@ class Verification:
         if not self.right:
             return "wrong"
         return "undecided" if proof_needed(self.findings) else "right"
-
-
-def grid_points_mm(volume: Volume, nodes: int = NODES) -> Vector:
-    """Return a regular grid over the volume, shape (nodes ** 3, 3)."""
-    axes = [
-        low + size * np.linspace(0.0, 1.0, nodes)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def predict(

@@ -37,6 +37,8 @@ displacement of contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second t
 rigid rotation of the workpiece."""
 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
+FOLD_OTHER: Mapping[str, str] = MappingProxyType({"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"})
+"""The function that a squareness goes into by default, and the other one of its pair."""
 
 KEPT = "the table in the control"
 """The part of a curve held by an old table, of a function outside the request: it is written again

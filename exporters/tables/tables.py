@@ -48,6 +48,10 @@ _LAW_WORDS = {
 }
 
 
+_LEVER = 1e-6
+"""Multipliers are numbers about 1."""
+
+
 def _spot(what: str) -> Words:
     return _SPOTS.get(what, what)
 
@@ -248,6 +252,17 @@ def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
 def joined(table: Table) -> Table:
     """Return a stepped table with its points joined by straight lines: what its steps stand for."""
     return replace(table, law=replace(table.law, between="linear"))
+
+
+def same_lever(one: Table, other: Table) -> bool:
+    """Return whether two tables are multiplied alike: by nothing, or by the same numbers along the
+    same axis.
+    """
+    if one.multiplier is None or other.multiplier is None:
+        return one.multiplier is other.multiplier
+    there = other.multiplier.at(one.multiplier.position_mm)
+    alike = np.allclose(one.multiplier.value, there, rtol=0, atol=_LEVER)
+    return one.multiplier.axis == other.multiplier.axis and bool(alike)
 
 
 def plain_rows(table: Table) -> tuple[str, ...]:

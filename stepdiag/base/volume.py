@@ -162,6 +162,16 @@ def anywhere_mm(volume: Volume) -> Vector:
     return points
 
 
+def grid_points_mm(volume: Volume, nodes: int) -> Vector:
+    """Return a regular grid over the volume with so many nodes along each axis, z fastest, shape
+    (nodes ** 3, 3)."""
+    axes = [
+        low + size * np.linspace(0.0, 1.0, nodes)
+        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
 def rms(values: Vector) -> float:
     """Return the root mean square of all values; 0 of none."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

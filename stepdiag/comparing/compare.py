@@ -14,7 +14,7 @@ from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
-from stepdiag.base.volume import Vector, Volume, anywhere_mm
+from stepdiag.base.volume import Vector, Volume, anywhere_mm, grid_points_mm
 from stepdiag.comparing.alike import apart, common_share, remarks, same_volume, standing_of
 from stepdiag.comparing.chance import DENIABLE, EXCLUDED, Verdict, coverage_factor
 from stepdiag.comparing.evolution import beyond
@@ -334,11 +334,7 @@ def _common_volume(results: Sequence[Result]) -> Volume:
 
 
 def _rms_um(result: Result, volume: Volume) -> float:
-    axes = [
-        low + size * np.linspace(0.0, 1.0, GRID)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = grid_points_mm(volume, GRID)
     errors = without_rigid_motion(volume, points, error_field_um(result, points))
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 

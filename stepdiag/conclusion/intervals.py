@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.interval import Interval, Predicted
 from stepdiag.base.result.result import Result
-from stepdiag.exporters.safety.verify import Figures, grid_points_mm
+from stepdiag.base.volume import grid_points_mm
+from stepdiag.exporters.safety.verify import NODES, Figures
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +42,7 @@ def reach_in(result: Result) -> Reach:
 
 
 def _as_found(result: Result) -> Reach:
-    points = grid_points_mm(result.volume)
+    points = grid_points_mm(result.volume, NODES)
     rest = without_rigid_motion(result.volume, points, error_field_um(result, points))
     found = Figures.of(rest)
     return Reach(

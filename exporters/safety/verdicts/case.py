@@ -10,7 +10,7 @@ import numpy as np
 from stepdiag.base.names import AXES
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume, rms
+from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
 from stepdiag.exporters.safety.verdicts.regression import SIZED, SPIKE, SURE_UM, Fit, regress
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.tables import Table, correction_um, joined, mean_correction_um
@@ -93,7 +93,8 @@ class TableCase:
     def fit_product(self, result: Result, moving: int, by: int) -> Fit:
         """Return the regression of what grows with the lever along ``by`` on the same part of the
         result's field."""
-        points, axis = grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
+        points = grid_points_mm(self.volume, NODES)
+        axis = AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
         parts = (moved, -error_field_um(result, points))
         done, asked = (
@@ -143,15 +144,12 @@ class TableCase:
         """Return what a table moves along the input axis of the judged one."""
         if table.multiplier is None:
             return correction_um(table, position_mm, way)
-        own = self.table.input_axis
-        moved, times = (
-            values(position_mm) if axis == own else np.mean(values(self._travel_mm(axis)))
-            for axis, values in (
-                (table.input_axis, lambda at: correction_um(table, at, way)),
-                (table.multiplier.axis, table.multiplier.at),
-            )
-        )
-        return np.asarray(moved * times + np.zeros(position_mm.shape))
+        times = table.multiplier.at
+        if table.input_axis == self.table.input_axis:
+            mean = float(np.mean(times(self._travel_mm(table.multiplier.axis))))
+            return correction_um(table, position_mm, way) * mean
+        mean = float(np.mean(correction_um(table, self._travel_mm(table.input_axis), way)))
+        return mean * times(position_mm)
 
     def _travel_mm(self, letter: str) -> Vector:
         axis = AXES.index(letter.lower())
@@ -187,15 +185,6 @@ def growing_um(values: Vector, moving: int, by: int) -> Vector:
         @ lever
         / np.sum(lever**2)
     )
-
-
-def grid_mm(volume: Volume) -> Vector:
-    """Return the points at which fields are compared, shape (nodes ** 3, 3), z fastest."""
-    axes = [
-        low + size * np.linspace(0.0, 1.0, NODES)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def centred(values: Vector) -> Vector:

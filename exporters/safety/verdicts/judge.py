@@ -25,7 +25,7 @@ from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Cause, Explai
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted, is_known
 from stepdiag.exporters.tables.controller import Controller, Multiplying
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
@@ -184,19 +184,14 @@ def _says(
     case: TableCase, code: Code, words: Message, fit: Fit | None = None, factor: float | None = None
 ) -> Judgement:
     """Return a judgement with the figures of a regression."""
-    label = message("of-table", label=case.table.label, what=words)
-    if fit is None:
-        return Judgement(
-            function=case.table.name, table=case.table, code=code, words=label, factor=factor
-        )
     return Judgement(
         function=case.table.name,
         table=case.table,
         code=code,
-        words=label,
-        factor=fit.factor,
-        rms_um=fit.rest_um,
-        largest_um=fit.largest_um,
+        words=message("of-table", label=case.table.label, what=words),
+        factor=factor if fit is None else fit.factor,
+        rms_um=None if fit is None else fit.rest_um,
+        largest_um=None if fit is None else fit.largest_um,
     )
 
 
@@ -288,11 +283,7 @@ def judge_missing(
     if not any(table.value_um.any() for table in new):
         return
     held = {table.name for table in new}
-    other = {
-        name: next(one for one in slopes if one != FOLD_DEFAULT[name])
-        for name, slopes in SQUARENESS_SLOPE.items()
-    }
-    folds = (FOLD_DEFAULT, other) if profile.assumed else (profile.machine.squareness_into,)
+    folds = (FOLD_DEFAULT, FOLD_OTHER) if profile.assumed else (profile.machine.squareness_into,)
     lacking = [
         [curve for curve in _asked(result, controller, profile, fold) if curve.name not in held]
         for fold in folds

@@ -11,17 +11,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
-from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume, rms
+from stepdiag.base.result.result import POSITIONING, Result
+from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.standing import Standing
-from stepdiag.exporters.safety.verdicts.case import NODES, grid_mm, growing_um
+from stepdiag.exporters.safety.standing import NOTHING_UM, Standing
+from stepdiag.exporters.safety.verdicts.case import NODES, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
@@ -55,6 +57,46 @@ def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...
     )
 
 
+def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
+    """Yield the losses if a correction of the whole field takes the place of ``moved_um``, which
+    was off during the measurement.
+
+    An error if the result lacks a function of the old correction, a warning if it lacks the slope.
+    """
+    x, y, z = _nodes_mm(result.volume)
+    old = [_curve(name, moved_um, (x, y, z), result.volume) for name in FUNCTIONS]
+    for table in old:
+        function, held_um = result.errors.get(table.name), float(np.ptp(table.value_um))
+        if held_um > NOTHING_UM and (function is None or function.value is None):
+            yield finding("error", message("old-table-lost.lattice", name=table.name, um=held_um))
+        elif table.name in POSITIONING and function and not function.slope_identified:
+            yield from _slope_lost(table.name, _rise_um(table))
+    folded = {table.name: table for table in _folded(old)}
+    for name, target in FOLD_DEFAULT.items():
+        squareness = result.squareness.get(name)
+        if squareness is None or squareness.value is None:
+            sign, held = SQUARENESS_SLOPE[name][target], folded[target]
+            slope_um_mm = sign * _rise_um(held) / float(np.ptp(held.position_mm))
+            yield from _slope_lost(name, slope_um_mm * max(result.volume.size_mm))
+
+
+def _nodes_mm(volume: Volume) -> list[Vector]:
+    """Return the positions along each axis at which a field is taken apart."""
+    return [
+        np.linspace(low, low + size, NODES)
+        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
+    ]
+
+
+def _rise_um(table: Table) -> float:
+    return float(table.value_um[-1] - table.value_um[0])
+
+
+def _slope_lost(name: str, rise_um: float) -> Iterator[Finding]:
+    if abs(rise_um) > NOTHING_UM:
+        yield finding("warning", message("old-table-lost.slope", name=name, um=rise_um))
+
+
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     """Return the mean of the movement of an output axis over the volume, at the vertices along one
     axis of the lattice.
@@ -63,10 +105,7 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     its spacing cannot hold between them.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
-    along = [
-        np.linspace(low, low + size, NODES)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
+    along = _nodes_mm(volume)
     along[moving] = axes_mm[moving]
     points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     moved = moved_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
@@ -80,9 +119,8 @@ def _folded(tables: list[Table]) -> list[Table]:
     """
     found = {table.name: table for table in tables}
     for squareness, target in FOLD_DEFAULT.items():
-        (other,) = [name for name in SQUARENESS_SLOPE[squareness] if name != target]
-        ends, value = found[other].position_mm[[0, -1]], found[other].value_um[[0, -1]]
-        slope = float((value[1] - value[0]) / (ends[1] - ends[0]))
+        other = FOLD_OTHER[squareness]
+        slope = _rise_um(found[other]) / float(np.ptp(found[other].position_mm))
         for name, sign in ((other, -1.0), (target, 1.0)):
             at = found[name].position_mm
             found[name] = _table(name, at, found[name].value_um + sign * slope * (at - at[0]))
@@ -92,7 +130,7 @@ def _folded(tables: list[Table]) -> list[Table]:
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     """Yield what grows with a lever, for every output, axis and lever where it is more than
     nothing."""
-    points = grid_mm(volume)
+    points = grid_points_mm(volume, NODES)
     moved = moved_um(points)
     for output in range(3):
         values = moved[:, output].reshape(NODES, NODES, NODES)

@@ -11,6 +11,7 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.curves import (
     FOLD_DEFAULT,
+    FOLD_OTHER,
     FUNCTIONS,
     SQUARENESS_SLOPE,
     Curve,
@@ -23,12 +24,8 @@ class Wanted:
     """The curves requested by the result, each squareness in either of its two functions."""
 
     def __init__(self, result: Result) -> None:
-        other = {
-            name: next(one for one in slopes if one != FOLD_DEFAULT[name])
-            for name, slopes in SQUARENESS_SLOPE.items()
-        }
         self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
-        for fold in (FOLD_DEFAULT, other):
+        for fold in (FOLD_DEFAULT, FOLD_OTHER):
             known = [name for name in FUNCTIONS if is_known(result, name, fold)]
             for curve in fitted(result, known, fold).curves:
                 self._curves[curve.name].append(_with_slope_u(curve, result))

@@ -19,6 +19,7 @@ from stepdiag.base.findings import finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.members import SetupReport
 from stepdiag.base.result.result import Result
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.export.export import MET_UM, export
 from stepdiag.exporters.export.planning import _as_it_was
 from stepdiag.exporters.files.control_file import ControlFile
@@ -26,7 +27,7 @@ from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
 from stepdiag.exporters.safety.remarks import missed_um
-from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import curves_of

@@ -10,11 +10,10 @@ import pytest
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.result import ROTATIONS, Result
-from stepdiag.base.volume import Volume
+from stepdiag.base.volume import Volume, grid_points_mm
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile

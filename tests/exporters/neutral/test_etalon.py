@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.neutral import etalon
-from stepdiag.exporters.safety.verify import grid_points_mm
 from testkit.exact.results import VOLUME, made_result
 
 POINTS = grid_points_mm(VOLUME, 5)

@@ -13,11 +13,11 @@ from stepdiag.base.compensation import Statement, stated, stated_in
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import ROTATIONS, Result, parse_result
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.levers import left_out, without_levers
-from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.virtual.control.siemens import SiemensControl

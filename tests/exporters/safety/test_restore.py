@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.restore import restore_files
-from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.verify import controller_of, grid_points_mm, predict, verify_files
+from stepdiag.exporters.safety.verify import controller_of, predict, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import total_correction_um

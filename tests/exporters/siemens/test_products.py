@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.result import ROTATIONS, Result
-from stepdiag.base.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume, grid_points_mm
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
-from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.siemens import products
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.siemens.products import chosen, taken_by

@@ -12,13 +12,13 @@ from stepdiag.base.compensation import stated
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.result import ROTATIONS, Result
-from stepdiag.base.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume, grid_points_mm
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.sign_test import bump, verdict
-from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import mean_correction_um

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import UsageError
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.result import ROTATIONS, Result
-from stepdiag.base.volume import Vector, Volume
-from stepdiag.exporters.safety.verify import grid_points_mm
+from stepdiag.base.volume import Vector, Volume, grid_points_mm
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve, curves_of
 from stepdiag.exporters.tables.fit import Product, fitted
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, mean_correction_um

@@ -14,10 +14,9 @@ import pytest
 
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume, grid_points_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.fit import Fitted, fitted

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
-from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in

@@ -26,7 +26,8 @@ from stepdiag.exporters.safety.checks import (
 )
 from stepdiag.exporters.safety.gate import gate_findings, require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um, remarks
-from stepdiag.exporters.safety.standing import Standing, lost_in_field, standing_findings
+from stepdiag.exporters.safety.standing import Standing, standing_findings
+from stepdiag.exporters.safety.verdicts.lattice import lost_in_field
 from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord

@@ -10,14 +10,14 @@ import numpy as np
 
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import Result
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
-from stepdiag.exporters.safety.verdicts.case import TableCase, grid_mm, growing_um
+from stepdiag.exporters.safety.verdicts.case import NODES, TableCase, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.lattice import judge_lattice
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
-from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
@@ -388,7 +388,7 @@ def _fields() -> Any:
 
 def _parts() -> Any:
     """The grids at which fields are compared, and what of a field grows with a lever."""
-    points, values = grid_mm(VOLUME), None
+    points, values = grid_points_mm(VOLUME, NODES), None
     values = (
         points[:, 0] * points[:, 1] / 1e3 + 0.02 * points[:, 2] ** 2 - 0.3 * points[:, 1]
     ).reshape(9, 9, 9)
