@@ -87,12 +87,10 @@ class _Watching:
 
         print_words(message("demo-page", address=address, token=token))
         typer.echo("")
-        enter = shown(message("demo-enter"))
-        typer.echo(f"  {enter}")
+        print_words("  " + shown(message("demo-enter")))
         for key, each in KEYS.items():
-            typer.echo(f"  {key}      {shown(each.does)}")
-        end = shown(message("key-end"))
-        typer.echo(f"  q      {end}\n")
+            print_words(f"  {key}      {shown(each.does)}")
+        print_words("  q      " + shown(message("key-end")), "")
         if self._browser:
             import webbrowser
 
