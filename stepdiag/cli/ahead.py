@@ -7,7 +7,7 @@ import typer
 
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import shown
+from stepdiag.terminal.viewer import wrapped
 
 
 def register(app: typer.Typer) -> None:
@@ -34,7 +34,7 @@ def next_setup(
     from stepdiag.daq.service.ahead import write_ahead
     from stepdiag.terminal.exits import refusals_shown
 
-    with refusals_shown(kept if note else shown):
+    with refusals_shown(kept if note else wrapped):
         survey, folder, ahead = look_ahead(file)
         status = in_words(ahead, survey)
         if note and folder is not None:
@@ -43,7 +43,7 @@ def next_setup(
             run = put(file, survey, ahead)
             programs = _programs(file, run.setup)
             taken = message("ahead-taken", setup=run.setup, programs=programs)
-            typer.echo(kept(taken) if note else shown(taken), err=True)
+            typer.echo(kept(taken) if note else wrapped(taken), err=True)
             return
     if as_json:
         figures = {
@@ -71,7 +71,7 @@ def next_setup(
             )
         )
     elif not note:
-        typer.echo(shown(status.words))
+        typer.echo(wrapped(status.words))
 
 
 def _programs(file: Path, setup: str) -> list[str]:

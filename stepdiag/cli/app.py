@@ -13,6 +13,7 @@ from stepdiag.base.messages import message
 from stepdiag.cli import LINUX_ONLY, MODULES
 from stepdiag.cli.helped import HelpedGroup
 from stepdiag.terminal.exits import failed_writing_shown, refusals_shown
+from stepdiag.terminal.viewer import wrapped
 
 app = typer.Typer(
     name="stepdiag",
@@ -74,5 +75,5 @@ def _refuse(name: str, **_arguments: object) -> None:
 def main() -> None:
     """Run a command; leave with the exit code of its cause where it is refused."""
     run = build()
-    with refusals_shown(), failed_writing_shown():
+    with refusals_shown(wrapped), failed_writing_shown():
         run()

@@ -92,8 +92,7 @@ def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
 def show_findings(found: "tuple[Finding, ...]") -> None:
     from stepdiag.terminal.tables import finding_lines
 
-    for line in finding_lines(found):
-        typer.echo(line)
+    print_words(*finding_lines(found))
     if not any(each.severity in ("error", "warning") for each in found):
         print_words(message("all-is-well"))
 

@@ -136,9 +136,7 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
 
     from stepdiag.terminal.tables import effect_table, print_findings
 
-    typer.echo(
-        shown(message("files-written", count=len(written.files), folder=str(written.out_dir)))
-    )
+    print_words(message("files-written", count=len(written.files), folder=str(written.out_dir)))
     for name in written.files if verbose else ():
         typer.echo(f"  {name}")
     print_findings(written.findings, verbose=verbose)
@@ -308,8 +306,7 @@ def _print_read_back(held: "ReadBack | None", *, before: bool) -> None:
         )
     elif before:
         print_words(message("held-before-differs"))
-    for line in finding_lines(held.findings):
-        typer.echo(line)
+    print_words(*finding_lines(held.findings))
 
 
 def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
@@ -432,20 +429,17 @@ def _print_verification(
     from stepdiag.terminal.tables import effect_table, finding_lines
 
     names = [file.name for file in given]
-    typer.echo(
-        shown(
-            message("files-read-as", controller=found.controller, names=names, state=measured_with)
-        )
+    print_words(
+        message("files-read-as", controller=found.controller, names=names, state=measured_with)
     )
     if aside:
-        typer.echo(shown(message("files-left-aside", names=list(aside))))
+        print_words(message("files-left-aside", names=list(aside)))
     for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
-        typer.echo(shown(message("labelled", name=kind, what=law.words)))
+        print_words(message("labelled", name=kind, what=law.words))
     for each in found.judgements:
         mark = "" if each.harmless else shown(message("mark-wrong")) + " "
-        typer.echo(f"{mark}{each.code}: {shown(each.words)}")
-    for line in finding_lines(found.findings):
-        typer.echo(line)
+        print_words(f"{mark}{each.code}: {shown(each.words)}")
+    print_words(*finding_lines(found.findings))
     Console().print(effect_table(found.prediction))
 
 
@@ -458,7 +452,7 @@ def _caution(measured: "Result", prediction: "Prediction") -> None:
     ]
     unknown += [name for name, function in measured.errors.items() if function.value is None]
     if unknown:
-        typer.echo(shown(message("not-in-figures", names=unknown)))
+        print_words(message("not-in-figures", names=unknown))
     if prediction.worse:
         mark, what = message("mark-warning"), message("errs-more")
-        typer.echo(f"{shown(mark)} worse-after: {shown(what)}")
+        print_words(f"{shown(mark)} worse-after: {shown(what)}")

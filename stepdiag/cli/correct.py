@@ -36,7 +36,6 @@ def correct(
     from stepdiag.daq.records.survey_folder import RESULT
     from stepdiag.daq.replay import begun_logs
     from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
-    from stepdiag.terminal.printable import printable
 
     known, text = load_survey(survey), read_text(survey)
     folder = known.folder(survey)
@@ -70,8 +69,7 @@ def correct(
     if not changed:
         print_words(message("nothing-to-correct"))
         return
-    for each in changed:
-        typer.echo(printable(str(each)))
+    print_words(*map(str, changed))
     if must_reread(logs, text):
         for title, by_file in ((message("as-recorded"), recorded), (message("as-corrected"), text)):
             noted, book = (

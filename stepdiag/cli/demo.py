@@ -1,5 +1,7 @@
 """``stepdiag demo``: the whole job on a virtual machine."""
 
+import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,7 +13,9 @@ from stepdiag.cli.completion import AsJson, Verbose
 from stepdiag.terminal.viewer import empty_table, print_words, shown
 
 if TYPE_CHECKING:
-    from stepdiag.demo.demo import Demonstrated
+    from collections.abc import Iterator
+
+    from stepdiag.demo.demo import Demonstrated, Progress
     from stepdiag.demo.keys import Keyboard
 
 
@@ -40,12 +44,37 @@ def demo(
         raise UsageError(
             "--browser", expected=message("with-option", option="--live"), found=message("none")
         )
+    with _progress() as progress:
+        # the libraries take seconds on a busy computer: the first sign of life stands before them
+        from stepdiag.demo.demo import demonstrate
+        from stepdiag.demo.processes import ended_in_order
+
+        with ended_in_order():
+            found = demonstrate(out, seed, progress)
+    if as_json:
+        _print_json(found)
+    else:
+        _print_table(found, verbose=verbose)
+
+
+@contextmanager
+def _progress() -> "Iterator[Progress]":
+    """Show the progress of the demo on standard error: a bar on a terminal, else a line a setup."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from stepdiag.demo.demo import demonstrate
+    begun: set[object] = set()
 
-    console = Console(stderr=True)
+    def line(what: Message, _done: int, _total: int) -> None:
+        doing = what.arguments.get("setup", what)
+        if doing not in begun:
+            begun.add(doing)
+            print_words(what, err=True)
+
+    if not sys.stderr.isatty():
+        line(message("demo-starting"), 0, 0)
+        yield line
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -53,24 +82,19 @@ def demo(
         TextColumn(shown(message("stops-unit"))),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(shown(message("demo-starting")), total=None)
-
-        def progress(what: Message, done: int, total: int) -> None:
-            bar.update(task, description=shown(what), completed=done, total=total)
-
-        found = demonstrate(out, seed, progress)
-    if as_json:
-        _print_json(found)
-    else:
-        _print_table(found, verbose=verbose)
+        yield lambda what, done, total: bar.update(
+            task, description=shown(what), completed=done, total=total
+        )
 
 
 def _live(out: Path, seed: int, *, browser: bool) -> None:
     from stepdiag.demo.keys import keyboard
     from stepdiag.demo.live import live as watch
+    from stepdiag.demo.processes import ended_in_order
 
-    with keyboard() as keys:
+    with ended_in_order(), keyboard() as keys:
         watch(out, seed, _Watching(keys, browser=browser))
 
 
@@ -87,12 +111,10 @@ class _Watching:
 
         print_words(message("demo-page", address=address, token=token))
         typer.echo("")
-        enter = shown(message("demo-enter"))
-        typer.echo(f"  {enter}")
+        print_words("  " + shown(message("demo-enter")))
         for key, each in KEYS.items():
-            typer.echo(f"  {key}      {shown(each.does)}")
-        end = shown(message("key-end"))
-        typer.echo(f"  q      {end}\n")
+            print_words(f"  {key}      {shown(each.does)}")
+        print_words("  q      " + shown(message("key-end")), "")
         if self._browser:
             import webbrowser
 

@@ -64,7 +64,6 @@ def add(
         from stepdiag.fleet.archive import add as put
         from stepdiag.fleet.archive import finished_in, refresh_index, undated
         from stepdiag.fleet.store import Store
-    from stepdiag.terminal.printable import printable
     from stepdiag.terminal.progress import counted
 
     found = finished_in(folders)
@@ -83,7 +82,7 @@ def add(
                     )
                 )
             if unknown := undated(each):
-                typer.echo(printable(f"{each}: {unknown}"), err=True)
+                print_words(f"{each}: {unknown}", err=True)
     finally:
         refresh_index(store)
     if as_json:
@@ -109,7 +108,7 @@ def check(store: str) -> None:
     place = Store(store)
     broken = list(custody.check(place))
     for name, why in broken:
-        typer.echo(f"{name}: {shown(why)}", err=True)
+        print_words(f"{name}: {shown(why)}", err=True)
     if broken:
         raise DataError(
             store,

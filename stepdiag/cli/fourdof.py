@@ -122,7 +122,7 @@ def calibrate(
         typer.echo(json.dumps(figures, indent=2))
         return
     calibration_table(fits)
-    typer.echo(f"written: {out}")
+    print_words(message("written-to", path=str(out)))
 
 
 @commands.command()
@@ -274,8 +274,7 @@ def compare(
         )
         return
     comparison_table(found)
-    for line in arm_lines(arms):
-        typer.echo(line)
+    print_words(*arm_lines(arms))
 
 
 @commands.command()
@@ -296,15 +295,14 @@ def show(
     measured = head_of_logs(logs)
     straight = over_passes(measured)
     head_table(straight, measured.angles)
-    for line in finding_lines(measured.findings):
-        typer.echo(line)
+    print_words(*finding_lines(measured.findings))
     if out is not None:
         texts = {
             out / "straightness.csv": render_straightness(straight),
             out / "angles.csv": render_angles(measured.angles),
         }
         write_together({path: text.encode("utf-8") for path, text in texts.items()}, over=False)
-        typer.echo(f"written: {', '.join(map(str, texts))}")
+        print_words(message("written-to", path=", ".join(map(str, texts))))
 
 
 def _today() -> str:

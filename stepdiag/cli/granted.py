@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import typer
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
+    from stepdiag.base.messages import Words
     from stepdiag.base.result.members import Assumed
     from stepdiag.base.result.result import Result
 
@@ -15,27 +16,22 @@ def say_granted(results: "Sequence[Result]") -> None:
     else each under its file's name."""
     from stepdiag.base.messages import message
     from stepdiag.base.result.basis import basis_of
-    from stepdiag.terminal.viewer import shown
 
     granted = [_words(basis_of(result).assumed) for result in results]
-    if len(set(granted)) == 1:
-        say = [granted[0]]
-    else:
+    say: list[Words] = [granted[0]]
+    if len(set(granted)) > 1:
         say = [
-            shown(
-                message("labelled", name=result.source, what=words or message("granted-unstated"))
-            )
+            message("labelled", name=result.source, what=words or message("granted-unstated"))
             for result, words in zip(results, granted, strict=True)
         ]
-    for line in filter(None, say):
-        typer.echo(line)
+    print_words(*(line for line in say if line))
 
 
 def say_assumed(assumed: "Assumed") -> None:
     """Print the sizes of a survey that was not driven yet."""
     from stepdiag.base.result.basis import sizes_of
 
-    typer.echo(_words(sizes_of(assumed)))
+    print_words(_words(sizes_of(assumed)))
 
 
 def _words(assumed: Mapping[str, float]) -> str:

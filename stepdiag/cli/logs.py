@@ -37,9 +37,10 @@ def info(log: Path, as_json: AsJson = False) -> None:
 
     must_be_there(log)
     found = log_info(log)
-    typer.echo(
-        json.dumps(_as_json(found), indent=2, ensure_ascii=False) if as_json else _as_text(found)
-    )
+    if as_json:
+        typer.echo(json.dumps(_as_json(found), indent=2, ensure_ascii=False))
+    else:
+        print_words(_as_text(found))
 
 
 def recover(
@@ -53,11 +54,10 @@ def recover(
 
     must_be_there(log)
     done = mend(log, out)
-    typer.echo(
-        json.dumps(_recovery_json(done), indent=2, ensure_ascii=False)
-        if as_json
-        else _recovery_text(done)
-    )
+    if as_json:
+        typer.echo(json.dumps(_recovery_json(done), indent=2, ensure_ascii=False))
+    else:
+        print_words(_recovery_text(done))
 
 
 def decode(

@@ -80,7 +80,7 @@ def _print_foreseen(survey: "Survey") -> None:
     for line in finding_lines(
         [*(unchecked(survey) if survey.plc.silent else ()), *hidden_waves(survey)]
     ):
-        typer.echo(line, err=True)
+        print_words(line, err=True)
 
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:

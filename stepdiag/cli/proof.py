@@ -10,7 +10,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.certificate import JUDGED_WRONG, UNDECIDED
 from stepdiag.cli.completion import TABLES, AsJson, tables
-from stepdiag.terminal.viewer import empty_table, print_words, shown
+from stepdiag.terminal.viewer import empty_table, print_words
 
 if TYPE_CHECKING:
     from datetime import date
@@ -193,8 +193,8 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
         )
     else:
         for each in verdict.tables:
-            typer.echo(shown(words_of(each)))
-        typer.echo(shown(action_words(verdict)))
+            print_words(words_of(each))
+        print_words(action_words(verdict))
         if verdict.action == "restore":
             for path in _restore_files(file, survey):
                 typer.echo(f"  {path}")

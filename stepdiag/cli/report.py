@@ -279,7 +279,7 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
             "predicted-and-left", predicted=interval_words(predicted), left=interval_words(left.rms)
         )
     )
-    typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
+    print_words(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
 def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:

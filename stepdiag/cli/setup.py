@@ -104,7 +104,7 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
     if port is None:
         seen = ports()
         for number, each in enumerate(seen, start=1):
-            typer.echo(f"  {number}  {each.name}  {each.words}")
+            print_words(f"  {number}  {each.name}  {each.words}")
         known = {str(number): each.name for number, each in enumerate(seen, start=1)}
         port = asked(
             "laser-port", message("ask-laser-port"), None, lambda text: known.get(text, _port(text))
@@ -177,7 +177,7 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
             lambda at=port: probe(host, at, controls),  # type: ignore[misc]
         )
         for each in answered:
-            typer.echo(f"  {each.control}: {each.words}")
+            print_words(f"  {each.control}: {each.words}")
         if _likely(answered) is not None:
             return answered, port
         other = asked("port", message("ask-port"), None, _tcp_port, "0")

@@ -11,7 +11,7 @@ import typer
 
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import empty_table, shown
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -107,22 +107,20 @@ def _print(found: "Standing") -> None:
 
     where = message("nothing-recorded-yet") if found.round is None else str(found.round)
     recorder = message("recorder-records") if found.recording else message("no-recorder")
-    typer.echo(
-        shown(
-            message(
-                "status-survey",
-                survey=found.survey,
-                machine=found.machine,
-                where=where,
-                recorder=recorder,
-            )
+    print_words(
+        message(
+            "status-survey",
+            survey=found.survey,
+            machine=found.machine,
+            where=where,
+            recorder=recorder,
         )
     )
     Console().print(_table(found))
     for line in (*_live(found), *_remarks(found), *_next(found), *_ahead(found)):
-        typer.echo(shown(line))
+        print_words(line)
     for line in _concluded(found):
-        typer.echo(line)
+        print_words(line)
 
 
 def _remarks(found: "Standing") -> "Iterator[Words]":

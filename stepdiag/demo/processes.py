@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,27 @@ END_S = 120.0
 """Longest time for a process to end in good order, in s."""
 REMEMBERED = 20
 """Last lines shown of a failed process."""
+
+
+@contextmanager
+def ended_in_order() -> Iterator[None]:
+    """End the block, and with it the processes it started, where this process receives SIGTERM or
+    its terminal is closed.
+
+    Python leaves such a process at once: virtual machine and daemon would stay without an owner.
+    """
+
+    def leave(number: int, _frame: object) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)  # a second order would cut off what the first ends
+        sys.exit(128 + number)
+
+    before = {each: signal.signal(each, leave) for each in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @dataclass(slots=True)

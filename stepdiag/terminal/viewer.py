@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import sys
 import textwrap
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,10 @@ from stepdiag.texts.texts import LANGUAGES, Language
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+WIDEST = 100
+"""Columns of the longest line: an eye that comes back from a longer one finds the wrong next
+line."""
 
 
 def viewers_language() -> Language:
@@ -36,22 +39,27 @@ def language_named(wanted: str) -> Language:
 
 
 def print_words(*lines: Words, err: bool = False) -> None:
-    """Print messages in the language of their reader: wrapped at words on a terminal, each under
-    its own indent; whole where a file or a program reads them."""
+    """Print messages in the language of their reader, as `wrapped`."""
     import typer
 
-    terminal = (sys.stderr if err else sys.stdout).isatty()
-    for line in "\n".join(map(shown, lines)).split("\n") if lines else ():
-        typer.echo(_wrapped(line) if terminal else line, err=err)
+    for line in lines:
+        typer.echo(wrapped(line), err=err)
 
 
-def _wrapped(line: str) -> str:
-    """Return a line at most as wide as the terminal; a command in backquotes stays whole, so that
-    it can be copied."""
+def wrapped(words: Words) -> str:
+    """Return a message in the language of its reader, wrapped at words, each line under its own
+    indent: as wide as the terminal, 80 columns where there is none, and at most `WIDEST`."""
+    columns = min(shutil.get_terminal_size().columns, WIDEST)
+    return "\n".join(_wrapped(line, columns) for line in shown(words).split("\n"))
+
+
+def _wrapped(line: str, columns: int) -> str:
+    """Return a line of at most so many columns; a command in backquotes stays whole, so that it can
+    be copied."""
     whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), line)
     return textwrap.fill(
         whole,
-        shutil.get_terminal_size().columns,
+        columns,
         subsequent_indent=" " * (len(line) - len(line.lstrip()) + 2),
         break_on_hyphens=False,
         break_long_words=False,

@@ -1,6 +1,8 @@
 """The command line as a person meets it, without a process for each test: same refusals, same exit
 codes."""
 
+import re
+import shutil
 import socket
 import sys
 from functools import cache
@@ -13,11 +15,12 @@ from stepdiag.base.errors import StepdiagError
 from stepdiag.cli.app import app, build
 from stepdiag.daq.service import priority
 from stepdiag.terminal.exits import EXIT_CODES
+from stepdiag.terminal.viewer import WIDEST
 
 
 class Told(NamedTuple):
-    """How a command ended: exit code, standard output, and the refusal it ended with (empty where
-    there was none)."""
+    """How a command ended: exit code, standard output with its wrapped lines joined, and the
+    refusal it ended with (empty where there was none)."""
 
     code: int
     out: str
@@ -70,7 +73,26 @@ def stepdiag(*arguments: object) -> Told:
         code = next(
             code for cause, code in EXIT_CODES.items() if isinstance(result.exception, cause)
         )
-        return Told(code, result.stdout, str(result.exception))
+        return Told(code, joined(result.stdout), str(result.exception))
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
-    return Told(result.exit_code, result.stdout, result.stderr)
+    return Told(result.exit_code, joined(result.stdout), joined(result.stderr))
+
+
+def joined(text: str) -> str:
+    """Return an output whose wrapped lines are whole again: a line goes on in the next one where
+    that one stands two columns to the right and its first word had no room in the first."""
+    columns = min(shutil.get_terminal_size().columns, WIDEST)
+    lines: list[str] = []
+    last, indent = "", 0
+    for line in text.split("\n"):
+        words = line.lstrip(" ")
+        first = re.match(r"(?:[^\s`]|`[^`]*`)*", words)
+        room = len(last) + 1 + len(first[0] if first else "")
+        if lines and words and len(line) - len(words) == indent + 2 and room > columns:
+            lines[-1] += f" {words}"
+        else:
+            lines.append(line)
+            indent = len(line) - len(words)
+        last = line
+    return "\n".join(lines)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from testkit.cli import joined
+
 BEGIN = """
 import sys
 from importlib.metadata import files
@@ -31,7 +33,7 @@ def began(*arguments):
         timeout=120,
         check=False,
     )
-    return done.returncode, done.stderr
+    return done.returncode, joined(done.stderr)
 
 
 @pytest.mark.parametrize(("arguments", "loaded"), [((), False), (("--verbose",), True)])

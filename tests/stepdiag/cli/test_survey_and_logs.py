@@ -11,7 +11,7 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.result.members import software
 from stepdiag.cli import logs, survey
 from stepdiag.daq.survey.file import load_survey
-from testkit.cli import stepdiag
+from testkit.cli import joined, stepdiag
 from testkit.recording import recording, write_log
 
 EVENTS = recording(0.5)
@@ -26,7 +26,7 @@ def run(*arguments: str | Path) -> str:
     if isinstance(result.exception, Exception):
         raise result.exception
     assert result.exit_code == 0, result.output
-    return result.stdout
+    return joined(result.stdout)
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_init_asks_on_a_terminal_until_it_understands(
     assert asked.exit_code == 0, asked.output
     assert (
         "ordinary  a machining centre in a shop: repeats to 0.5 µm, angular errors of 15 µrad"
-        in asked.output
+        in joined(asked.output)
     )
     stated = load_survey(tmp_path / "a.toml").uncertainty
     assert (stated.machine_class, stated.feedback, stated.pitch_mm) == ("good", "screw", 20.0)

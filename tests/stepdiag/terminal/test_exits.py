@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from testkit.cli import joined
+
 STEPDIAG = (sys.executable, "-m", "stepdiag")
 
 
@@ -25,9 +27,9 @@ def run(
     )  # type: ignore[call-overload,no-any-return]
 
 
-def assert_refused(done: subprocess.CompletedProcess[bytes], words: bytes) -> None:
+def assert_refused(done: subprocess.CompletedProcess[bytes], words: str) -> None:
     assert (done.returncode, b"Traceback" in done.stderr) == (2, False), done.stderr
-    assert words in done.stderr
+    assert words in joined(done.stderr.decode())
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("init", "a.toml"), ("plan", "--help")])
@@ -36,7 +38,7 @@ def test_a_full_disk_behind_the_output(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with Path("/dev/full").open("wb") as full:
-        assert_refused(run(*arguments, out=full), b"No space left on device")
+        assert_refused(run(*arguments, out=full), "No space left on device")
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
@@ -45,8 +47,8 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     readings.write_text(
         "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n" + "ppp,1,0,0,0,0,0\n", encoding="utf-8"
     )
-    assert_refused(run("init", "/proc/survey.toml"), b"/proc/survey.toml")
-    assert_refused(run("demo", "--out", "/proc/demo"), b"/proc/demo")
+    assert_refused(run("init", "/proc/survey.toml"), "/proc/survey.toml")
+    assert_refused(run("demo", "--out", "/proc/demo"), "/proc/demo")
 
 
 def test_who_reads_no_further_is_no_error(tmp_path: Path) -> None:

@@ -10,10 +10,11 @@ import pytest
 from rich.console import Console
 
 from stepdiag.base.messages import message
+from stepdiag.cli.app import main
 from stepdiag.demo.reach import FORMS
 from stepdiag.terminal.viewer import empty_table, print_words, shown, viewers_language
 from stepdiag.texts.texts import LANGUAGES, Language
-from testkit.cli import stepdiag
+from testkit.cli import joined, stepdiag
 from testkit.german import is_english
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
@@ -58,32 +59,48 @@ def test_a_result_is_german_where_the_terminal_is(tmp_path, monkeypatch):
     assert stepdiag("solve", readings, "--json") == plain
 
 
-class Terminal(io.StringIO):
-    """A terminal of 40 columns."""
-
-    def isatty(self) -> bool:
-        return True
-
-
 def test_lines_are_wrapped_at_words_and_a_command_stays_whole(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A command that is broken cannot be copied; a file or a program gets whole lines."""
+    """A command that is broken cannot be copied. The tests read the lines as they were before."""
     monkeypatch.setenv("COLUMNS", "40")
     command = "`stepdiag accept survey.toml ppp/1/5 --reason dust`"
     line = f"  every pass is in and no result is there yet: {command} makes one"
-    for screen in (Terminal(), io.StringIO()):
-        monkeypatch.setattr(sys, "stdout", screen)
-        print_words(line, "end")
-        lines = screen.getvalue().splitlines()
-        if not screen.isatty():
-            assert lines == [line, "end"]
-            continue
-        assert lines[0] == "  every pass is in and no result is"
-        assert [each.strip() for each in lines if command in each] == [command]
-        assert all(len(each) <= 40 or command in each for each in lines)
-        assert all(each.startswith("    ") for each in lines[1:-1])
-        assert " ".join(each.strip() for each in lines[:-1]) == line.strip()
+    print_words(line, "end")
+    printed = capsys.readouterr().out
+    lines = printed.splitlines()
+    assert lines[0] == "  every pass is in and no result is"
+    assert [each.strip() for each in lines if command in each] == [command]
+    assert all(len(each) <= 40 or command in each for each in lines)
+    assert all(each.startswith("    ") for each in lines[1:-1])
+    assert joined(printed) == f"{line}\nend\n"
+
+
+@pytest.mark.parametrize(("terminal", "columns"), [("", 80), ("60", 60), ("250", 100)])
+def test_a_line_is_as_wide_as_the_terminal_and_at_most_100_columns(
+    terminal: str, columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a terminal, as in a pipe, it has 80."""
+    monkeypatch.setenv("COLUMNS", terminal)
+    monkeypatch.setattr(sys, "__stdout__", None)
+    print_words("word " * 99)
+    assert {len(each) for each in capsys.readouterr().out.splitlines()[:-1]} <= {
+        *range(columns - 5, columns + 1)
+    }
+
+
+def test_a_refusal_is_wrapped_like_any_other_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A refusal often holds three sentences, and the path of a file."""
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys, "argv", ["stepdiag", "solve", "absent.csv"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    lines = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 2
+    assert len(lines) > 1
+    assert all(len(line) <= 60 for line in lines)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from testkit.cli import stepdiag
+from testkit.cli import joined, stepdiag
 from testkit.exact.siemens_files import HALL_EXPORT, HALL_PROFILE
 from testkit.running.hall import daemon, hall, until, until_complete
 from testkit.running.verdict import nothing_silently_wrong
@@ -34,7 +34,7 @@ def process_of_its_own(*arguments, environment=None):
         check=False,
         env=os.environ | (environment or {}),
     )
-    return done.returncode, done.stdout, done.stderr
+    return done.returncode, done.stdout, joined(done.stderr)
 
 
 def assert_solved(place, increments=2):

@@ -3,6 +3,7 @@ it causes, the end."""
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tty
@@ -10,6 +11,7 @@ import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +28,31 @@ def until_stage(stream, stage):
         if f'"stage":"{stage}"'.encode() in line:
             return
     raise AssertionError(f"the stream ended before {stage}")
+
+
+def children_of(number: int) -> list[int]:
+    """Return the processes that a process started and that still run."""
+    return [
+        int(child)
+        for task in Path(f"/proc/{number}/task").iterdir()
+        for child in (task / "children").read_text(encoding="ascii").split()
+    ]
+
+
+def test_the_demo_names_its_work_at_once_and_its_end_ends_what_it_started(tmp_path):
+    """Piped there is no bar: a line stands for each setup. SIGTERM left the virtual machine and the
+    daemon behind."""
+    command = (sys.executable, "-m", "stepdiag", "demo", "--out", str(tmp_path / "demo"))
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo:
+        lines = [demo.stderr.readline() for _ in range(2)]
+        children = children_of(demo.pid)
+        demo.terminate()
+        assert demo.wait(timeout=120) == 128 + signal.SIGTERM
+        rest = demo.stderr.read()
+    assert lines == ["starting\n", "diagonal X-Y-Z- to X+Y+Z+ (ppp) out\n"]
+    assert len(children) == 2
+    assert not any(Path(f"/proc/{child}").exists() for child in children)
+    assert "Traceback" not in rest
 
 
 def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):

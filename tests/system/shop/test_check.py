@@ -12,7 +12,7 @@ import pytest
 
 from stepdiag.virtual.bench.bench import VirtualBench
 from stepdiag.virtual.bench.config import load_config
-from testkit.cli import stepdiag
+from testkit.cli import joined, stepdiag
 
 pytestmark = pytest.mark.system
 
@@ -226,6 +226,6 @@ def test_a_survey_file_that_is_wrong_is_refused_before_any_port_is_opened(tmp_pa
         check=False,
     )
     assert done.returncode == 2
-    assert (
-        "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000" in done.stderr
+    assert "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000" in joined(
+        done.stderr
     )
