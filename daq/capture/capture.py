@@ -91,6 +91,9 @@ class Capture:
         self._setup: int | None = None
         self._taken_from_ns = -1
         self._went_on = False
+        self.next_from_ns: int | None = None
+        """Time in ns from which on the events are those of the next pass; None where the pass did
+        not end at the standstill after it."""
         self._heard_since_poll = False
 
     @property
@@ -117,6 +120,13 @@ class Capture:
             and walk.expected == len(walk.route) - 1
             and bool(self._pending)
         )
+
+    @property
+    def may_be_over(self) -> bool:
+        """Return whether the pass may be over though a stop of it is missing: the next standstill
+        decides, and may be the next pass's."""
+        walk = self.walk
+        return walk is not None and not self.ended and self._cause.misses_first(walk.route)
 
     @property
     def standing(self) -> Signals | None:
@@ -188,6 +198,8 @@ class Capture:
             self._pending.settled(FAR_NS, None, self._mover(self._pending.first().signals))
             self._take_dwell(self._pending.take(), outcomes)
         self._remarks.listen(outcomes)
+        if not self.ended and self.may_be_over:
+            self._name_from_second(outcomes)
         return [*self._as_raised(outcomes), *self._cause.released()]
 
     def left_over(self) -> tuple[Break, ...]:
@@ -308,8 +320,16 @@ class Capture:
         self, kind: Literal["complete", "aborted"], reason: Message, outcomes: list[Outcome]
     ) -> None:
         self._remarks.listen(outcomes)
+        if self.may_be_over:
+            self._name_from_second(outcomes)
         self.ended = Ended(kind, reason)
         outcomes.append(self.ended)
+
+    def _name_from_second(self, outcomes: list[Outcome]) -> None:
+        """Name the stops of a pass without its first stop, once it is over."""
+        self._cause.leave_out()
+        if self.walk is not None:
+            outcomes.extend(self._taker.name_from_second(self.walk))
 
     def _samples_follow(self, event: Event) -> bool:
         """Return whether the samples up to this poll are worth waiting for: a stream with bytes
@@ -374,6 +394,8 @@ class Capture:
             self._setup = dwell.signals.setup if isinstance(found, Walk) else None
         if self._by_laser is None and not self._cause.over:
             self._judge_cause(dwell, outcomes)
+            if self.ended:
+                return
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
             outcomes.extend([found.begun_anew(0)] if found.apart else [])
@@ -420,6 +442,12 @@ class Capture:
         stand = Stand(
             dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), moves
         )
+        if walk is not None and self._cause.misses_first(walk.route, stand):
+            self.next_from_ns = (dwell.not_before_ns or dwell.from_ns) + self._late_ns
+            self._went_on = True
+            last = message("last-gone-by", stop=len(walk.route) - 1)
+            self._end("complete", walk.at(last), outcomes)
+            return
         outcomes.extend(
             self._cause.take(
                 stand,

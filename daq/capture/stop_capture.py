@@ -175,6 +175,16 @@ class StopTaker:
             self._place(walk, name, dwell, taken, outcomes)
         return outcomes
 
+    def name_from_second(self, walk: Walk) -> list[Outcome]:
+        """Place the standstills of a pass again, from its second stop on: the first is missing."""
+        self._named = [(*stand[:2], at) for at, stand in enumerate(self._named, 1)]
+        walk.begin_anew(1)
+        outcomes: list[Outcome] = [walk.finding("error", 0, message("stop-lost.first"))]
+        self._before = (Break(self._named[0][0].from_ns, BEGUN_ANEW),)
+        for at, (dwell, taken, _) in enumerate(self._named, 1):
+            self._place(walk, at, dwell, taken, outcomes)
+        return outcomes
+
     def _place(
         self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]
     ) -> None:

@@ -210,7 +210,7 @@ class Session:
             self._wait(event)
             return
         capture = self.capture
-        if self._silent:
+        if self._silent or capture.may_be_over:
             self._remember(event)  # the next pass may begin before this one is known to have ended
         for admitted in self._sink.admit(event):
             if capture.ended is None:
@@ -445,7 +445,10 @@ class Session:
             self._standing = capture.standing
             status: ExitStatus = "complete" if capture.ended.kind == "complete" else "aborted"
             self._end_log(status, capture.ended.reason)
-            self._go_on(time_of(event), whole=status == "complete")
+            if capture.next_from_ns is not None:
+                self._begin_next(capture.next_from_ns, time_of(event))
+            else:
+                self._go_on(time_of(event), whole=status == "complete")
         elif self._forgotten(capture, event):
             self._end_log("aborted", message("ended-without-stop"))
 
@@ -455,11 +458,14 @@ class Session:
         """
         self._passes_left -= 1
         if self._begun and whole and self._passes_left > 0 and self.book.open_passes(self._begun):
-            since_ns = self._stops[-1].window_to_ns
-            self._before = deque(each for each in self._before if time_of(each) > since_ns)
-            self._begin_log(now_ns)
+            self._begin_next(self._stops[-1].window_to_ns, now_ns)
         else:
             self._begun = ""
+
+    def _begin_next(self, since_ns: int, now_ns: int) -> None:
+        """Begin the next log with the events after a time."""
+        self._before = deque(each for each in self._before if time_of(each) > since_ns)
+        self._begin_log(now_ns)
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
         """Return whether a log without a stop has been left by the program for a while."""

@@ -38,7 +38,8 @@ Decision. From the third standstill on, a cause is named when it is e^`SURE` tim
 right file and as every cause that changes another line, and when the laser has confirmed two of its
 steps. Of two causes that fit alike none is named; a finding states both lines and the next move
 that separates them. A pass whose steps fit the file is not judged again; after `LAST` standstills
-no pass is.
+no pass is. One pair stays open until the pass ends: without positions a pass that begins at its
+second stop makes the steps of another order of axes. Its end decides by the number of its stops.
 
 Findings explained by a named cause are not raised at single stops (`EXPLAINED`). The machine's
 signals, not this module, name the stops: they are named again from the logs when the file is

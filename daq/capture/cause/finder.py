@@ -4,11 +4,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.daq.capture.cause.hypotheses import Library
 from stepdiag.daq.capture.cause.likelihood import SURE, Cause, Evidence, Stand
 from stepdiag.daq.capture.log_start import PassHint
+from stepdiag.daq.capture.naming.route import Route, agrees
 from stepdiag.daq.survey.models import Survey
 
 FIRST, LAST = 3, 8
@@ -32,12 +35,12 @@ HELD = frozenset(
         "window-step",
         "stop-doubtful",
         "reading-differs",
+        "place-unknown",
     ]
 )
 """Findings not raised before the third standstill: a common cause may explain them."""
 EXPLAINED = HELD | {
     "position-differs",
-    "place-unknown",
     "between-stops",
     "stop-recovered",
     "other-side",
@@ -113,22 +116,24 @@ class CauseFinder:
         if not causes:
             self.over = len(self.evidence) >= LAST
             return self.released() if self.over else []
+        late = any(self.evidence.begin(each.route) == 1 for _, each in causes if not each.changes)
         best, cause = causes[0]
         rivals = [
             (score, other)
             for score, other in causes[1:]
             if other.kind != cause.kind and best - score <= SURE
         ]
-        self.plain = not (
-            cause.changes or rivals or SPOILING & set(self.named)
-        ) and self.evidence.goes_on(cause.route)
+        self.plain = (
+            not (cause.changes or rivals or SPOILING & set(self.named))
+            and self.evidence.begin(cause.route) is not None
+        )
         named = bool(cause.changes) and self.evidence.confirms(cause)
         if named and not rivals:
             self.found, self.over, self.held = cause, True, []
             return (
                 [] if self.named else [self._finding(cause)]
             )  # until the named line is corrected, later passes show its consequences
-        self.over = self.plain or len(self.evidence) >= LAST
+        self.over = self.plain or (len(self.evidence) >= LAST and not late)
         alike = [other for _, other in rivals if named and all(each.changes for _, each in rivals)]
         news = (
             [_alike(cause, alike[0], len(self.evidence))]
@@ -137,6 +142,25 @@ class CauseFinder:
         )
         self.undecided = self.undecided or bool(news)
         return [*news, *(self.released() if self.over else [])]
+
+    def misses_first(self, route: Route, after: Stand | None = None) -> bool:
+        """Return whether the pass on a route is over without its first stop: its standstills are
+        the second stop to the last, and the standstill ``after`` them is no next stop.
+
+        Until the end another order of the axes makes the same steps.
+        """
+        stands = self.evidence.stands
+        if self.over or self.named or len(stands) != len(route) - 1 or len(stands) < FIRST:
+            return False
+        if after is not None and after.losses == stands[-1].losses:
+            steps = Evidence([stands[-1], after]).steps_mm()
+            if any(agrees(float(steps[0]), wanted) for wanted in np.diff(route.nominal_mm)):
+                return False
+        return self.evidence.begin(route) == 1
+
+    def leave_out(self) -> None:
+        """Judge nothing more of a pass without its first stop: what was held back falls away."""
+        self.over, self.held = True, []
 
     def leave(self) -> list[Finding]:
         """Judge nothing more of this pass: it shows no steps of the laser, or continues a judged

@@ -270,9 +270,9 @@ class Evidence:
             return sum(alike) >= CONFIRMED and self.agreeing(cause) >= CONFIRMED
         return self.agreeing(cause) >= CONFIRMED
 
-    def goes_on(self, route: Route) -> bool:
-        """Return whether every standstill is the next stop of the route, from its first or its
-        second on, by position and by the laser."""
+    def begin(self, route: Route) -> int | None:
+        """Return the stop, the first or the second of the route, from which on every standstill is
+        the next stop, by position and by the laser; None where neither is."""
         steps, shown, count = self.steps_mm(), self.shown_mm(), len(self.stands)
         for begin in (0, 1):
             places, wanted = (
@@ -283,8 +283,8 @@ class Evidence:
                 shown is None or bool(np.abs(shown - places).max() <= 4 * BESIDE_MM)
             )
             if there and bool(np.all(_agrees(steps, wanted))):
-                return True
-        return False
+                return begin
+        return None
 
     def agreeing(self, cause: Cause) -> int:
         """Return how many steps of the laser are those of a hypothesis."""

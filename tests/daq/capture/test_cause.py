@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from testkit.cli import stepdiag
+from testkit.exact.driven import Fault
 from testkit.exact.shops import CAUSES, corrected, draw, survey_of, surveyed
 
 KINDS = list(CAUSES)
@@ -168,6 +169,39 @@ def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
     (first, *_) = [each for each in found.findings if each.code == "conditions-held"]
     assert first.message.arguments["line"] == "plc.signals.air_pressure_hpa.scale"
     assert float(first.message.arguments["value"]) == pytest.approx(0.1333224, rel=1e-5)
+
+
+@pytest.mark.parametrize("machine", ["stopped", "no positions"])
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("setup", ["ppp", "npp"])
+def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, setup, tmp_path):
+    """The machine does not stand at the first stop. The steps are those of a program in the order
+    YZX until the pass ends. The pass driven again makes the survey whole."""
+    shop = replace(
+        shop_of("nothing"),
+        machine=machine,
+        back=back,
+        faults=(Fault("skipped", setup, 1, 0, 0),),
+        again=((setup, (1,)),),
+    )
+    found = surveyed(shop, tmp_path, files=False)
+    loud = [each for each in found.findings if each.code != "signals-absent"]
+    assert [(each.code, each.setup, each.stop) for each in loud] == [("stop-lost", setup, 0)]
+    assert loud[0].message.key == "stop-lost.first"
+    assert found.passes == found.wanted
+
+
+def test_an_order_of_a_long_pass_is_named_at_its_last_stop(tmp_path):
+    """Only the last stop of ten tells the order YZX from a missing first stop."""
+    shop = replace(shop_of("axis order", machine="stopped"), order="yzx", back=False)
+    found = surveyed(shop, tmp_path, files=False, increments=3)
+    (after, named), *more = [
+        (after, each)
+        for after, each in zip(found.after, found.findings, strict=True)
+        if each.severity != "info" and each.code != "signals-absent"
+    ]
+    assert (after, named.message.arguments["line"]) == (10, "volume.axis_order")
+    assert not more
 
 
 LONGER_Z = replace(

@@ -157,6 +157,15 @@ CASES = (
     ),
     Case("a stop that the machine does not signal", OPEN, ("stop-recovered",), _one("unsignalled")),
     Case("a stop that is not driven", MISSING, ("stop-lost",), _one("skipped")),
+    Case("the first stop is not driven", MISSING, ("stop-lost",), _one("skipped", 0), COUNTED),
+    Case(
+        "the first stop is not driven, the pass driven again",
+        FILES,
+        ("stop-lost",),
+        _one("skipped", 0),
+        COUNTED,
+        again=("ppp",),
+    ),
     Case("the PLC silent through a stop", OPEN, ("stop-recovered",), _one("silent", 3, 1.0)),
     Case(
         "registers that stand still for two stops",

@@ -80,6 +80,8 @@ class Shop:
     air: tuple = AIR
     """Material and air temperature in 0.01 C, pressure and humidity in 0.1: the contract's
     registers 10 to 13."""
+    again: tuple = ()
+    """Passes that are driven once more, each directly after its setup: setup and numbers."""
     line: str = ""
     """The beginning of the line of the survey file that is wrong; empty where nothing is."""
 
@@ -439,12 +441,13 @@ def survey_of(shop, *, increments=2):
     return text
 
 
-def surveyed(shop, folder, *, text=None, files=True):
+def surveyed(shop, folder, *, text=None, files=True, increments=2):
     """Record a shop's survey into a folder, and solve, export and load its files."""
     machine = machine_of(shop.seed, shop.driven_size or shop.size)
     program = Program(
         machine,
         size=shop.driven_size or shop.size,
+        n=increments,
         back=shop.back,
         seed=shop.seed,
         swapped=shop.swapped,
@@ -455,12 +458,14 @@ def surveyed(shop, folder, *, text=None, files=True):
     )
     for setup in SETUPS:
         program.drive(setup)
+        for numbers in [numbers for name, numbers in shop.again if name == setup]:
+            program.drive(setup, numbers)
     program.finish()
     bench = type("Drawn", (ShopBench,), {"shop": shop})
     begun = [at for kind, at, _ in program.spans if kind == "lost"]
     logs = folder / "logs"
     logs.mkdir(parents=True, exist_ok=True)
-    text = text or survey_of(shop)
+    text = text or survey_of(shop, increments=increments)
     said, after, clock = [], [], [0]
     survey = parse_survey(text, "survey.toml")
 
@@ -523,6 +528,7 @@ bit = 1
 {positions}
 """
 SETUP_SIGNAL = "[plc.signals.setup]\naddress = 3\noffset = {offset}\n"
+MACHINES["no positions"] = CONTRACT_MAP.format(setup=SETUP_SIGNAL.format(offset=0), positions="")
 POSITION = (
     '[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = {scale!r}\noffset = '
     "{offset!r}\n"
