@@ -90,7 +90,7 @@ def from_log(fields: dict[str, Any]) -> CapturedStop:
 
 
 def remarks_of(doubts: Iterable[Message]) -> tuple[Remark, ...]:
-    """Return what a stop holds of its doubts."""
+    """Return the doubts of a stop as its remarks."""
     return tuple(Remark(each.code, each) for each in doubts)
 
 

@@ -180,8 +180,8 @@ class Conditions:
         return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
-        """Return what is believed of the sensors at a stop; everything where the survey file fixes
-        the conditions itself."""
+        """Return the sensors' values in use at a stop; everything where the survey file fixes the
+        conditions itself."""
         if self._environment.source == "fixed":
             return Judged(signals)
         judged = Judged(signals)

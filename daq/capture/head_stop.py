@@ -94,7 +94,7 @@ class AngleView(QdView):
 
 
 def troubles(head: StreamBuffer, dwell: Dwell) -> list[Message]:
-    """Return what was wrong with the head's samples in a dwell."""
+    """Return the faults of the head's samples in a dwell."""
     flags = head.flags(dwell.from_ns, dwell.to_ns)
     found = []
     for flag, key in TROUBLES:

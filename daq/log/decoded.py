@@ -112,7 +112,7 @@ def decoded(
 
 
 def _blocks(buffer: StreamBuffer, log: Log) -> list[Decoded]:
-    """Return what is in a buffer as one block, or none."""
+    """Return the samples of a buffer as one block, or none."""
     drained = buffer.drained()
     if not drained:
         return []

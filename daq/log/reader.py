@@ -62,7 +62,7 @@ ValueError covers wrong numbers)."""
 
 
 def damage_of(error: Exception) -> Message:
-    """Return what ended the reading of a log, in words."""
+    """Return the cause that ended the reading of a log, in words."""
     if isinstance(error, EndOfFile | struct.error):
         return message("log-cut-off-here")
     return (

@@ -58,8 +58,8 @@ class Recovery:
 
 
 def log_info(path: Path) -> LogInfo:
-    """Return what is in a log, read front to back. Raises DataError for what is not a log of ours
-    (see `daq.log.contents.open_log`)."""
+    """Return the contents of a log, read front to back. Raises DataError for what is not a log of
+    ours (see `daq.log.contents.open_log`)."""
     log = open_log(path)
     stream_bytes: dict[str, int] = {}
     polls = 0

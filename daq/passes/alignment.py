@@ -53,8 +53,8 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, floa
 def tilt_effect_um(
     route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]
 ) -> NDArray[np.float64]:
-    """Return what a tilt of the mirror does to the reading at some stops of a route, relative to
-    its first stop, in um, shape (k,)."""
+    """Return the effect of a tilt of the mirror on the reading at some stops of a route, relative
+    to its first stop, in um, shape (k,)."""
     way = route.stops_mm[list(stops)] - route.stops_mm[0]
     effect: NDArray[np.float64] = way @ np.column_stack(_across(route)) @ np.array(tilt_mrad)
     return effect

@@ -105,7 +105,7 @@ class PassBook:
             )
 
     def news(self) -> tuple[Finding, ...]:
-        """Return what the book found out since it was last asked, for the journal."""
+        """Return the findings since the last call, for the journal."""
         news, self._news = tuple(self._news), []
         return news
 

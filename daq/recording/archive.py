@@ -56,7 +56,7 @@ class Packed:
 
 
 def size_bytes(folder: Path) -> int:
-    """Return what a folder holds."""
+    """Return the bytes of all files in a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 

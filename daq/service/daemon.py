@@ -419,8 +419,8 @@ class Daemon:
         self.status_source.news()
 
     def _corrections(self, text: str) -> list[Change]:
-        """Return what a survey file corrects of the round shown; nothing where that is solved, or
-        the machine has to be driven anew."""
+        """Return the corrections of the round shown by a survey file; nothing where that is solved,
+        or the machine has to be driven anew."""
         changed = compared(self._text, text) or []
         solved = self._working.finisher.result is not None or not self._working.shown.book.stops
         return [] if solved or any(each.begins_round for each in changed) else changed

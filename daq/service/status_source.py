@@ -102,7 +102,7 @@ class DaemonStatusSource:
         return self._working
 
     def phase(self) -> Phase:
-        """Return what the daemon is about."""
+        """Return the present work of the daemon."""
         working = self._at_work
         if working.paused:
             return "paused"
@@ -113,7 +113,7 @@ class DaemonStatusSource:
         return working.finisher.phase if working.shown is not working.session else "waiting-program"
 
     def waits_for(self) -> Words:
-        """Return what the daemon waits for."""
+        """Return the event for which the daemon waits."""
         if refused := _refused(self._at_work.recorder):
             return refused
         phase = self.phase()
@@ -129,7 +129,7 @@ class DaemonStatusSource:
         return _idle(self._at_work.session, setup)
 
     def live(self) -> LiveStatus:
-        """Return what `status` shows of a daemon that runs."""
+        """Return the state of a running daemon that `status` shows."""
         laser, plc, head, air = self._at_work.survey_links.statuses()
         words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
         return LiveStatus(
@@ -163,7 +163,7 @@ class DaemonStatusSource:
         )
 
     def figures(self) -> Figures:
-        """Return what the daemon counts and measures of itself, now."""
+        """Return the daemon's present counts and measures of its own work."""
         working = self._at_work
         names = ("laser", "machine", "head", "air")
         health, session = working.recorder.health, working.session
@@ -279,7 +279,7 @@ def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
 
 
 def found_now(session: Session) -> Message:
-    """Return what hinders an order between two passes: the pass being recorded, or nothing to
+    """Return the obstacle to an order between two passes: the pass being recorded, or nothing to
     do."""
     return (
         message("found-being-recorded", name=session.book.next_setup())
@@ -312,7 +312,7 @@ def _abort(session: Session) -> None:
 
 
 def _idle(session: Session, setup: str) -> Message:
-    """Return what is waited for while nothing is being recorded."""
+    """Return the event that is awaited while nothing is being recorded."""
     if session.unsolved:
         return message("waits-unsolved", why=session.unsolved)
     if session.book.wrong_line:
@@ -326,14 +326,14 @@ def _idle(session: Session, setup: str) -> Message:
 
 
 def _message(working: Working) -> Words:
-    """Return what a person must see at once."""
+    """Return the alarms that a person must see at once."""
     return joined(
         list(dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each))
     )
 
 
 def _of_service(working: Working) -> Words:
-    """Return what is wrong with the service itself."""
+    """Return the faults of the service itself."""
     return (
         _refused(working.recorder)
         or working.supervisor.disk

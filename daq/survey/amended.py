@@ -187,7 +187,7 @@ def _amended(block: Sequence[str], plan: Plan) -> list[str]:
 
 
 def _after_settings(block: Sequence[str]) -> list[str]:
-    """Return what stands behind the last setting of a section: remarks and empty lines."""
+    """Return the lines behind the last setting of a section: remarks and empty lines."""
     settings = [
         index
         for index, line in enumerate(block)

@@ -163,7 +163,7 @@ def promised(survey: Survey) -> tuple[str, ...]:
 
 
 def air_pattern(sensor: AirSensor) -> str:
-    """Return what its lines look like."""
+    """Return the pattern of the sensor's lines."""
     return sensor.pattern or (PTU300 if sensor.format == "ptu300" else "")
 
 

@@ -475,7 +475,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     functions_urad: dict[Rotation, Stated] = {}
 
     def by_quantity(self) -> dict[str, float]:
-        """Return what is stated, functions by their symbols."""
+        """Return the stated sizes, functions by their symbols."""
         single = {
             name: value
             for name, value in msgspec.structs.asdict(self).items()

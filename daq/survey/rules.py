@@ -206,7 +206,7 @@ def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield what the settings of the format itself refuse, in the name of the file."""
+    """Yield the refusals by the settings of the format itself, in the name of the file."""
     try:
         laser_settings(survey.laser)
     except UsageError as refusal:
@@ -375,7 +375,7 @@ def _places(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield what a machine without signals cannot give."""
+    """Yield the refusals of settings that need signals, on a machine without signals."""
     plc, none = survey.plc, message("nothing-without-transport")
     for field, entries in (
         ("signals", plc.own_signals),

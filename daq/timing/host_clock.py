@@ -54,7 +54,7 @@ class ClockWatch:
         self._asleep_ns = _asleep_ns()
 
     def look(self) -> Look:
-        """Return what happened since the last look."""
+        """Return the steps of the clock and the sleep since the last look."""
         seen_ns, offset_ns, asleep_ns = now_ns(), wall_offset_ns(), _asleep_ns()
         moved_s = (offset_ns - self._offset_ns) * 1e-9
         look = Look(

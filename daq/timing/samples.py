@@ -37,8 +37,7 @@ class Notice:
     """A remark of the stream at sample ``index`` of its batch (the sample before which it stands).
 
     ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``. ``name`` is the
-    condition that an ``environment`` notice gives the value of, ``why`` a message, or what the
-    instrument wrote itself.
+    condition in an ``environment`` notice, ``why`` a message, or the instrument's own text.
     """
 
     code: NoticeCode

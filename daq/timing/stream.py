@@ -125,8 +125,8 @@ class StreamBuffer:
 
     @property
     def conditions(self) -> Mapping[str, float]:
-        """Return what the instrument itself sent last of air and material, by the names of the
-        signals."""
+        """Return the last values of air and material that the instrument itself sent, by the names
+        of the signals."""
         self._settle()
         return self._conditions
 

@@ -5,8 +5,8 @@ B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, fou
 the moving axis and the compensation there. The parameter numbers were in no manual that was seen;
 the numbers below are remembered. They are used only if the profile states the option
 (``straightness_option``) and the machine's own punched parameters hold all ten numbers of a set;
-otherwise the table is for the report. Such a control holds three sets: the three functions of the
-largest worth, squareness included.
+otherwise the table is for the report. Such a control holds three sets, for the three functions
+of the largest effect, squareness included.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,8 +43,8 @@ def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
 def given_to(
     tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str
 ) -> FanucOptions:
-    """Return the options with the machine's sets given to the functions of the largest worth; the
-    profile's sets stay.
+    """Return the options with each set of the machine assigned to a function, the functions of the
+    largest effect first; the profile's sets stay.
 
     A function keeps its set in the machine's files, and a set of a function outside ``tables`` is
     not taken from it.

@@ -20,7 +20,7 @@ true, the result hardly moves."""
 
 
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
-    """Return the finding that names what was found."""
+    """Return the finding that names the passes and stops of a suspicion."""
     every = suspicion.faults
     kinds, among = {one.kind for one in every}, _passes_of(layout, every)
     if kinds == {WALK}:

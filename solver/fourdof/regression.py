@@ -129,7 +129,7 @@ def commissioned(stands: Stands) -> Commissioned:
 
 
 def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: float) -> Vector:
-    """Return what the detectors read, shape (N, 6), for a pointing (N, 2) in urad."""
+    """Return the readings of the detectors, shape (N, 6), for a pointing (N, 2) in urad."""
     ends = parameters[len(FIELDS) :].reshape(2, -1, 2)
     lever = (parameters[LEVER] + stands.distance_mm)[:, None]
     leak1, leak2 = parameters[PSD1 + 3], parameters[PSD2 + 3]
@@ -149,8 +149,8 @@ def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: floa
 
 
 def _read(detector: Vector, lateral: Vector) -> Vector:
-    """Return what a detector of two gains and a roll in mrad reads, shape like ``lateral``: the
-    inverse of `detector.spots`."""
+    """Return the readings of a detector of two gains and a roll in mrad, shape like ``lateral``:
+    the inverse of `detector.spots`."""
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])
     own: Vector = lateral @ np.array([[cosine, -sine], [sine, cosine]]) / detector[:2]
     return own

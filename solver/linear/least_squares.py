@@ -183,8 +183,8 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     and the elimination.
 
     Inverse iteration proposes candidates. Holding one unknown for each makes the matrix regular and
-    gives the candidates to full precision; the rows themselves then judge which are null, which
-    squaring them could not.
+    gives the candidates to full precision; the rows themselves then show which are null; their
+    squares would lose half of the digits.
     """
     count = len(system.scale)
     # what no row touches needs no search: rows of few functions leave most unknowns so

@@ -254,8 +254,8 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
 def _sign_hidden(
     checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit
 ) -> bool:
-    """Return whether neither sign of the head's values contradicts the others, and only because of
-    what may be between the nodes."""
+    """Return whether both signs of the head's values agree with the other readings, and only
+    because errors between the nodes may make up the difference."""
     if np.all(checked.as_usual == 1.0):
         return False
     signs = checked.fit, _turned_over(checked.fit, rows)

@@ -160,8 +160,8 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
 
 
 def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
-    """Return what the machine's own unknowns do to every reading of a layout, as `build_design` has
-    it."""
+    """Return the effect of the machine's own unknowns on every reading of a layout, as
+    `build_design` has it."""
     return _rows(
         [_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns
     )

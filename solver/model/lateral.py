@@ -114,7 +114,8 @@ def lateral_rows(
 def lateral_angles(
     design: Design, measured: Sequence[MeasuredStraightness], shapes: AngleShapes
 ) -> Vector:
-    """Return what the unknown angular functions do to the head's values, shape (rows, causes)."""
+    """Return the effect of the unknown angular functions on the head's values, shape (rows,
+    causes)."""
     pieces = [np.zeros((0, len(shapes.names) * (shapes.waves + 1)))]
     for one in measured:
         axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
@@ -191,8 +192,8 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
 
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
-    """Return what the known rotations of the axis do to the measured values, shape (k,), but for a
-    straight line, which these may hold."""
+    """Return the effect of the known rotations of the axis on the measured values, shape (k,), but
+    for a straight line, which these may hold."""
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)
     total = np.zeros(len(arms))

@@ -41,7 +41,7 @@ class Prior:
 
 
 def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
-    """Return what known angular functions do to every reading, shape (m,) (theory 4.3).
+    """Return the effect of known angular functions on every reading, shape (m,) (theory 4.3).
 
     Raises ``DataError`` where a function does not reach over the whole volume.
     """
@@ -119,8 +119,8 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
 
 
 def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
-    """Return what the error of each given function's first position does to the ``count`` rows of
-    `make_prior`, shape (count, k).
+    """Return the effect of the error of each given function's first position on the ``count`` rows
+    of `make_prior`, shape (count, k).
 
     A head's angles are relative to the first position: its error is in all the others.
     """

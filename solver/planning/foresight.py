@@ -143,12 +143,12 @@ class Foresight:
 
     @property
     def curved_um(self) -> float:
-        """Return what functions do between targets beside a smooth curve."""
+        """Return the usual size of functions between targets beside a smooth curve, in um."""
         return float(np.sqrt(9.0)) * self.assumed.shape_um * _between_targets(self.increments)[0]
 
     @property
     def hidden_um(self) -> float:
-        """Return what waves too short for the targets do, as usual."""
+        """Return the usual size of waves that are too short for the targets, in um."""
         return float(np.sqrt(3.0 * BETWEEN_SHARE)) * self.assumed.between_um
 
     @cached_property

@@ -358,8 +358,8 @@ class Exchange:
         return inverse(self._usual + np.sum(self._each(sorted(chosen)), axis=0))
 
     def square_um2(self, chosen: Sequence[int]) -> float:
-        """Return the mean square over the volume of what lines leave, without what no line
-        lowers."""
+        """Return the mean square of the error over the volume after the chosen lines, without
+        the share that no line lowers."""
         some = frozenset(chosen)
         if some not in self._square_um2:
             self._square_um2[some] = float(np.sum(self._covariance(some) * self._seen))

@@ -59,8 +59,8 @@ class Sequel:
 def sequel(
     survey: Plan, about: Circumstances, done: Sequence[str], readings: Readings | None = None
 ) -> Sequel:
-    """Return what to drive after the setups ``done`` of a survey, the last of which still stands;
-    ``readings`` are theirs."""
+    """Return the runs to drive after the setups ``done`` of a survey, the last of which still
+    stands; ``readings`` are theirs."""
     shown, angles_urad = shown_by(readings, survey, about)
     driven = [survey.run_of(name) for name in done]
     todo = [run for run in survey.runs if run.setup not in done]

@@ -124,8 +124,8 @@ def mode_nodes(volume: Volume) -> NDArray[np.int64]:
 
 
 def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
-    """Return what a machine of its class usually has, by name: functions in um, squareness in urad,
-    scales in um/m."""
+    """Return the usual sizes of errors of a machine's class, by name: functions in um, squareness
+    in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
     # an unmeasured axis has grown in the warm-up, too
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)

@@ -135,8 +135,8 @@ def export(
 def verify(
     result: Result, files: Sequence[Path | str], *, profile: Path | str | None = None
 ) -> Verification:
-    """Return what the files of one control will do to the machine of a result. Raises ``DataError``
-    for files of no known control."""
+    """Return the predicted effect of one control's files on the machine of a result. Raises
+    ``DataError`` for files of no known control."""
     read = read_given([Path(file) for file in files])
     found = (
         load_profile(Path(profile), controller_for(read), result.volume)

@@ -41,7 +41,7 @@ class Finding:
 
     @property
     def action(self) -> Action:
-        """Return what a person does about it."""
+        """Return the action that a person takes."""
         return finding_action(self.code, self.severity)
 
     @property

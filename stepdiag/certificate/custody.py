@@ -18,6 +18,7 @@ again, compared element by element
 """
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -261,10 +262,15 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
         for path in files
         if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}
     }
+    exported = {(name, sha) for role, name, sha in links if role == FILE}
+    together = Counter(path.parent for path, sha in hashes.items() if (path.name, sha) in exported)
     held = {}
     for link in links:
         role, name, sha = link
         holding = [path for path, found in hashes.items() if found == sha and sha]
+        if role == FILE:
+            # another export may hold a file of the same bytes: the report names folders
+            holding.sort(key=lambda path: -together[path.parent])
         path = next(
             (path for path in holding if path.name == name),
             None if _named_here_alone(role) else next(iter(holding), None),

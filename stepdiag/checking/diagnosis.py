@@ -103,7 +103,7 @@ def _missing_condition(seen: Observation, name: str) -> Finding:
 
 
 def _senseless(stream: StreamSeen) -> Message:
-    """Return what a stream sends that makes no sense."""
+    """Return the bytes of a stream that are no samples, in words."""
     remark = stream.remarks.get("garbage") or stream.remarks.get("device") or ""
     return senseless(STREAMS[stream.link.name], stream.heard, stream.byte_count, remark)
 
@@ -241,7 +241,7 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
 
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
-    """Yield what is wrong with the heartbeat."""
+    """Yield the faults of the heartbeat."""
     if (
         "heartbeat" not in plc.signal_names
         or machine.signals.heartbeat is None
@@ -273,7 +273,7 @@ def _absent(link: LinkSeen, seconds: float) -> Finding:
 
 
 def _lasting(link: LinkSeen) -> Iterator[Finding]:
-    """Yield what is wrong with a link that was there."""
+    """Yield the faults of a link that was there."""
     if link.state in ("lost", "silent"):
         yield finding("error", message("check-gone", why=link.detail), code=f"{link.name}-silent")
     elif link.losses:

@@ -35,7 +35,7 @@ def tables(begun: str) -> list[str]:
 
 
 def exported(begun: str) -> list[str]:
-    """Return what ``export`` can write whose name begins so."""
+    """Return the formats of ``export`` whose name begins so."""
     return _beginning((*TABLES, *FIELDS), begun)
 
 
@@ -55,7 +55,7 @@ def streams(begun: str) -> list[str]:
 
 
 def decoded_formats(begun: str) -> list[str]:
-    """Return what ``decode`` can write whose name begins so."""
+    """Return the formats of ``decode`` whose name begins so."""
     return _beginning(DECODED, begun)
 
 

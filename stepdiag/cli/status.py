@@ -124,8 +124,8 @@ def _print(found: "Standing") -> None:
 
 
 def _remarks(found: "Standing") -> "Iterator[Words]":
-    """Yield what a person has to see to: setups, clock, logs, disk, corrections, and a survey file
-    that has changed."""
+    """Yield the points that need a person: setups, clock, logs, disk, corrections, and a survey
+    file that has changed."""
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
             yield message("labelled", name=_named(setup.name), what=words)
@@ -241,7 +241,7 @@ def _doubted(found: "Standing") -> "list[Words]":
 
 
 def _still(found: "Standing") -> "list[Words]":
-    """Return what is still to be driven, in order, a line a pass."""
+    """Return the missing passes in the order of driving, a line a pass."""
     total = sum(drive.minutes for drive in found.to_drive)
     lines: list[Words] = [message("status-to-drive", minutes=max(round(total), 1))]
     for drive in found.to_drive:
@@ -257,7 +257,7 @@ def _still(found: "Standing") -> "list[Words]":
 
 
 def _next(found: "Standing") -> "list[Words]":
-    """Return what to do next."""
+    """Return the next command or drive."""
     from stepdiag.daq.records.survey_folder import RESULT
 
     if found.wrong_line:

@@ -190,7 +190,7 @@ def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> flo
 
 
 def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]:
-    """Return what became of each quantity of a machine."""
+    """Return the explanation of each quantity of a machine."""
     questions = sum(each.values.shape[1] for each in figures)
     together: dict[bytes, list[int]] = {}
     for number, each in enumerate(figures):
@@ -600,7 +600,7 @@ def _base_levels(days: Calendar) -> list[slice]:
 
 
 def _gained(along: Array, norm: Array, total: Array) -> _Gains:
-    """Return the gains of columns from their products with what is left and with themselves; a
+    """Return the gains of columns from their products with the remainder and with themselves; a
     column that the base holds gains nothing."""
     usable = norm > TOO_ALIKE * total
     size, squared = (

@@ -107,7 +107,7 @@ def _archived(file: Path, survey: Survey) -> Iterable[Path]:
 
 
 def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:
-    """Return what to drive next for a person."""
+    """Return the setup to drive next, in words."""
     planned = survey.plan.all_setups
     first = next(iter(ahead.runs), None)
     if first is None or (ahead.end and first.setup not in planned):

@@ -181,7 +181,7 @@ def proof_findings(
 
 
 def action_words(proof: Proof) -> Message:
-    """Return what a proof run shows and what to do."""
+    """Return the verdict of a proof run and the action after it."""
     wrong, undecided = (
         [words_of(each) for each in proof.tables if each.state == state]
         for state in ("wrong", "undecided")

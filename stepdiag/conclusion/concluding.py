@@ -80,7 +80,7 @@ class Conclusion:
 
 
 def export_of(written: ExportReport) -> Export:
-    """Return what an export wrote, as the conclusion needs it."""
+    """Return the tables and verdicts of an export, as the conclusion needs them."""
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
     reach = None if written.prediction is None else reach_of(written.prediction.predicted)
@@ -373,7 +373,8 @@ def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
 
 
 def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield what may be loaded now, one sentence a control: nothing before its sign test."""
+    """Yield the parts of an export that may be loaded now, one sentence a control: nothing before
+    its sign test."""
     if not exports:
         yield Sentence(key="load_none")
     for one in exports:

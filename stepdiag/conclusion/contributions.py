@@ -43,7 +43,7 @@ class Contribution:
 
 
 def contributions_of(result: Result) -> tuple[Contribution, ...]:
-    """Return what is identified, the largest effect first; names decide between equals."""
+    """Return the identified errors, the largest effect first; names decide between equals."""
     found = [
         *_squareness(result),
         *_scales(result),
@@ -132,7 +132,7 @@ def _angles(result: Result) -> Iterator[Contribution]:
 
 
 def _reversals(result: Result) -> Iterator[Contribution]:
-    """Yield what an axis loses on turning round: the largest value of its reversal function."""
+    """Yield the loss of an axis on reversal: the largest value of its reversal function."""
     for axis in AXES:
         function = result.reversal.get(f"E{axis}{axis}")
         if function is None or function.value is None:

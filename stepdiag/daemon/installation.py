@@ -57,8 +57,8 @@ class Step:
 
 
 def plan_install(survey_file: Path, root: Path) -> list[Step]:
-    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is
-    wrong or stands elsewhere."""
+    """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
+    is wrong or stands elsewhere."""
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
     steps = [step for source, place in SHARED.items() for step in shared_steps(source, place, root)]
@@ -136,7 +136,7 @@ def _do(step: Step) -> None:
 
 
 def written(path: Path, text: str) -> Step:
-    """Return what is to be done for a file to hold a text."""
+    """Return the step that gives a file its text; ``keep`` where it stands there already."""
     try:
         same = path.read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):

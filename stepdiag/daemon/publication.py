@@ -56,8 +56,8 @@ class Publication:
 
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
-    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is
-    wrong or stands elsewhere."""
+    """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
+    is wrong or stands elsewhere."""
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)

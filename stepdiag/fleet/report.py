@@ -111,8 +111,8 @@ def _card(
 
 
 def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
-    """Return what stands below the picture: what changed, what is not decidable, where the
-    tolerance is left."""
+    """Return the lines below the picture: changes, undecidable series, and where the tolerance is
+    left."""
     unit = UNITS[trend.series.unit]
     name = trend.series.quantity
     if trend.series.other is not None:
@@ -209,7 +209,7 @@ def _chart(
 
 
 def _value(trend: Trend, point: Point, language: Language) -> str:
-    """Return what a pointer finds at a survey: its day and name, its figure with U."""
+    """Return the label of a survey for a pointer: its day and name, its figure with U."""
     expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
     if math.isfinite(point.low):
         expanded = f" ({svg.fixed(point.low)} – {svg.fixed(point.high)})"

@@ -321,5 +321,5 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
 
 
 def as_json(solved: Sequence[Solved]) -> str:
-    """Return what came of all surveys, for programs."""
+    """Return the outcomes of all surveys, for programs."""
     return json.dumps([each.as_json() for each in solved], indent=2)

@@ -112,7 +112,7 @@ class Trend:
 def trends_of(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> list[Trend]:
-    """Return what became of every series; ``tolerance`` gives the largest magnitude allowed for a
+    """Return the trend of every series; ``tolerance`` gives the largest magnitude allowed for a
     machine and a quantity, if any."""
     found: dict[int, Trend] = {}
     for _, group in groupby(enumerate(series), key=lambda item: item[1].machine):
@@ -129,7 +129,7 @@ def trends_of(
 def _of_machine(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> Iterator[Trend]:
-    """Yield what became of the quantities of one machine, which are asked together."""
+    """Yield the trends of the quantities of one machine, which are asked together."""
     surveys = sorted(
         {each.name: each for one in series for each in one.surveys}.values(),
         key=lambda each: (each.time, each.name),
@@ -287,7 +287,7 @@ def already_perhaps(trend: Trend) -> bool:
 
 
 def statements(trend: Trend) -> list[Message]:
-    """Return what became of a quantity, a message for each change; the verdict alone where there is
+    """Return the trend of a quantity, a message for each change; the verdict alone where there is
     none."""
     if trend.explained.courses:
         return [_statement(trend, each) for each in trend.explained.courses]

@@ -384,8 +384,8 @@ def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) 
 def _by_channel(
     channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]
 ) -> _Noise:
-    """Return what the scatter of some channels makes of the motion: it goes through the equations
-    channel by channel."""
+    """Return the scatter of the motion that comes from the scatter of some channels: it goes
+    through the equations channel by channel."""
     still = motion(channels, distance, head)
     total = [np.zeros_like(still.straightness_um) for _ in range(3)]
     for channel in of:

@@ -22,7 +22,7 @@ STAGE_S = 1.0
 
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":
-    """Return what the head measured in these logs. Raises DataError where no pass of it is
+    """Return the head's measurements in these logs. Raises DataError where no pass of it is
     whole."""
     from stepdiag.completion import completion
     from stepdiag.daq.replay import find_logs, replay

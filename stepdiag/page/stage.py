@@ -95,8 +95,8 @@ def _again(now: Snapshot) -> DriveStatus | None:
 
 
 def _repeat(now: Snapshot, drive: DriveStatus) -> Headline:
-    """Return what to repeat. Nothing is burning any more: the stage is trouble, the page is not in
-    alarm."""
+    """Return the advice to repeat passes. Nothing is burning any more: the stage is trouble, the
+    page is not in alarm."""
     return Headline(
         stage="trouble",
         lead=_repeated(drive),

@@ -123,7 +123,7 @@ def _picture(path: Path) -> str:
 
 
 def _compensation(result: Result, words: Mapping[str, str]) -> str:
-    """Return what was active while measuring, with the files and their hashes."""
+    """Return the tables that were active while measuring, with the files and their hashes."""
     statement = stated_in(result)
     state = words[
         f"compensation_{statement.state}"

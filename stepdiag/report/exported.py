@@ -43,7 +43,7 @@ class Exported:
 
 
 def exported_of(written: ExportReport) -> Exported:
-    """Return what an export wrote."""
+    """Return an export as the report needs it."""
     files = read_set(written.out_dir)
     lattices = [file for file in files if lattice.recognises(file) and not is_restore(file.name)]
     correction = (

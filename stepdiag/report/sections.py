@@ -172,7 +172,7 @@ def _setup_fact(value: object, words: Mapping[str, str]) -> str:
 
 
 def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
-    """Return what hangs in a tree of mappings, each under its path."""
+    """Return the values in a tree of mappings, each under its path."""
     found: list[tuple[str, object]] = []
     for name, value in facts.items():
         if isinstance(value, dict):

@@ -156,8 +156,8 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
 
 
 def _kinds(plan: Plan) -> list[Words]:
-    """Return how many lines of each kind a plan drives, those with a shifted laser counted
-    beside."""
+    """Return the number of lines of each kind in a plan, and how many of these have a shifted
+    laser."""
     counted: list[Words] = []
     for kind, word in KINDS.items():
         runs = [run for run in plan.runs if setup_of(run.setup).kind == kind]

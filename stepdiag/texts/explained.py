@@ -39,7 +39,7 @@ class Explanation:
     words: dict[Language, Words]
 
     def action_at(self, severity: Severity) -> Action:
-        """Return what a person does at a severity: a mere warning of an export is accepted by its
+        """Return a person's action at a severity: a mere warning of an export is accepted by its
         code, a remark is known."""
         return (
             self.action
@@ -98,12 +98,12 @@ def finding_advice(code: str, language: Language) -> str:
 
 
 def advice_of(code: str, language: Language) -> str:
-    """Return what to do about a finding; empty for a code that is not documented."""
+    """Return the remedy of a finding; empty for a code that is not documented."""
     entry = explained(code)
     return "" if entry is None else entry.words[language].do
 
 
 def finding_action(code: str, severity: Severity) -> Action:
-    """Return what a person does about a finding."""
+    """Return the action that a person takes on a finding."""
     entry = explained(code)
     return _OF_AN_EXPORT[severity] if entry is None else entry.action_at(severity)

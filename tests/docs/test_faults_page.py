@@ -11,7 +11,7 @@ CHECKOUT = Path(__file__).parents[2]
 PAGE = (CHECKOUT / "docs" / "faults.md").read_text(encoding="utf-8")
 ROWS = [
     line
-    for line in PAGE.partition("| fault | what is said |")[2].partition("\n\n")[0].splitlines()
+    for line in PAGE.partition("| fault | finding |")[2].partition("\n\n")[0].splitlines()
     if line.startswith("| ")
 ]
 NO_FINDINGS = {"survey-open", "link-silent", "answers-late", "recorder", "status"}

@@ -110,8 +110,8 @@ class CauseFinder:
         return self._judged(setup) if len(stands) >= FIRST else []
 
     def _judged(self, setup: str | None) -> list[Finding]:
-        """Return what the standstills show: the cause's finding, two causes that fit alike, or what
-        was held back."""
+        """Return the conclusion from the standstills: the cause's finding, two causes that fit
+        alike, or what was held back."""
         causes = sorted(self._scored(setup), key=lambda each: -each[0])
         if not causes:
             self.over = len(self.evidence) >= LAST

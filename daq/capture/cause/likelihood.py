@@ -124,7 +124,8 @@ class Cause:
     changes: tuple[Change, ...] = ()
 
     def shown_mm(self, count: int) -> Matrix:
-        """Return what the control shows at the first standstills, shape (count, 3)."""
+        """Return the positions that the control shows at the first standstills, shape
+        (count, 3)."""
         stops = self.route.stops_mm[:count][:, list(self.axes)]
         shown: Matrix = stops * self.factors + self.shifts_mm
         return shown

@@ -113,7 +113,7 @@ def agrees(measured_mm: float, nominal_mm: float) -> bool:
 def judge_step(
     route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float
 ) -> Message | None:
-    """Return what is wrong with a measured step; None where it agrees.
+    """Return the fault of a measured step; None where it agrees.
 
     ``absolute_mm`` is the reading itself: a laser that was zeroed reads next to nothing.
     """
@@ -140,7 +140,7 @@ def judge_step(
 
 
 def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> Message | None:
-    """Return what is wrong with a step of the right size the wrong way; None where it is none."""
+    """Return the fault of a step of the right size the wrong way; None where it is none."""
     nominal = route.step_mm(from_stop, to_stop)
     turned, from_the_end = (
         agrees(measured_mm, -route.step_mm(from_stop, to_stop)),

@@ -414,8 +414,8 @@ class Walk:
         return count_steps(self._last_count, count)
 
     def judge(self, index: int, reading_mm: float) -> Message | None:
-        """Return what is wrong with a reading at a stop, judged by the step from the stop before;
-        None where all is well."""
+        """Return the fault of a reading at a stop, judged by the step from the stop before; None
+        where all is well."""
         if self._last_reading_mm is None or index == self._last_stop:
             return None
         return judge_step(

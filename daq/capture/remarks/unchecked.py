@@ -79,7 +79,7 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
 
 
 def _without_signals(survey: Survey) -> Iterator[Message]:
-    """Yield what cannot be distinguished where the laser alone places and names the stops."""
+    """Yield the faults that stay unseen where the laser alone places and names the stops."""
     yield message("unseen-all")
     yield message("unseen-person")
     yield message("unseen-elsewhere")

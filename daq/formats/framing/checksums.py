@@ -40,7 +40,7 @@ _EVERY_BYTE = bytes(range(256))
 
 
 def _table(crc: Crc) -> tuple[int, ...]:
-    """Return what each value of a byte does to the register."""
+    """Return the change of the register by each value of a byte."""
     mask, top = (1 << crc.width) - 1, 1 << crc.width - 1
     if crc.reflected:
         polynomial = int(f"{crc.polynomial:0{crc.width}b}"[::-1], 2)

@@ -88,7 +88,7 @@ class AirSettings:
 
 @cache
 def quantities_in(pattern: str) -> tuple[str, ...]:
-    """Return what a line of this pattern holds, in the order of `MEASURED`."""
+    """Return the quantities in a line of this pattern, in the order of `MEASURED`."""
     groups = line_pattern(pattern, "survey: environment.sensor.pattern").groupindex
     return tuple(name for name in MEASURED if name in groups)
 

@@ -124,8 +124,8 @@ class _Line:
         return int(self.socket.send(data))
 
     def recv(self, count: int) -> bytes:
-        """Return what there is. Raises ConnectionResetError at the end of the connection,
-        ValueError for an answer without end."""
+        """Return the bytes that have arrived. Raises ConnectionResetError at the end of the
+        connection, ValueError for an answer without end."""
         data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
             raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))

@@ -100,7 +100,7 @@ class MachinePoller:
             )
 
     async def _until(self, due: float, link: MachineLink) -> None:
-        """Sleep until a poll is due; write meanwhile what is wanted."""
+        """Sleep until a poll is due; write the pending handshake meanwhile."""
         raise_if_cancelled()
         loop = asyncio.get_running_loop()
         while loop.time() < due:

@@ -196,7 +196,7 @@ def _connect(client: "Client", settings: S7Settings) -> None:
 
 
 def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
-    """Return what stands in the way of a connection, in words."""
+    """Return the obstacle to a connection, in words."""
     from snap7.error import S7TimeoutError
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
@@ -219,8 +219,8 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
 
 
 def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
-    """Return what went wrong with a request: a refusal by the control, bytes that make no sense, or
-    the end of the connection."""
+    """Return the failure of a request: a refusal by the control, bytes that make no sense, or the
+    end of the connection."""
     refused = _REFUSED.search(str(error))
     if refused is not None:
         remedy = _REMEDIES.get(refused["code"], message("do-manual"))

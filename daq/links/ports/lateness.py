@@ -56,5 +56,5 @@ class Lateness:
 
     @property
     def words(self) -> Words:
-        """Return what to do about late answers; empty while none was seen."""
+        """Return the remedy for late answers; empty while none was seen."""
         return message("answers-late", after_s=self.after_s) if self.after_s else ""

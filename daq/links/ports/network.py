@@ -79,7 +79,7 @@ class NetworkPort:
         return self._connection.fileno()
 
     def read(self, *, ready: bool) -> bytes:  # noqa: ARG002 - a connection tells its end by itself
-        """Return what there is."""
+        """Return the bytes that have arrived."""
         try:
             data = os.read(self._connection.fileno(), LARGEST_READ)
         except BlockingIOError:
@@ -173,7 +173,7 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
 
 
 def _heard(codec: ComPort, other: bytes) -> Message:
-    """Return what came instead of an agreement."""
+    """Return the answer that came instead of an agreement."""
     if codec.speaks:
         return message("found-no-agreement", seconds_s=AGREE_S)
     return (

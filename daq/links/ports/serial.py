@@ -225,7 +225,7 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
 
 
 def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
-    """Return what a read gives; nothing where the line is lost and there are bytes to hand over
+    """Return the bytes of a read; nothing where the line is lost and there are bytes to hand over
     first."""
     try:
         return port.read_on() if busy else port.read(_READ_S)

@@ -75,7 +75,7 @@ class Tty:
         return self._line
 
     def read(self, *, ready: bool) -> bytes:
-        """Return what there is. A line that was ready and gives nothing is none any more."""
+        """Return the bytes that have arrived. A line that was ready and gives none is lost."""
         data = os.read(self._line, LARGEST_READ)
         if ready and not data:
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))

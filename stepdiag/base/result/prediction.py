@@ -271,7 +271,7 @@ def _machines(
 
 
 def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
-    """Return what each deviation of the posterior does to the error at the points, shape
+    """Return the effect of each deviation of the posterior on the error at the points, shape
     (deviations, N, 3): the offset first."""
     if posterior is None:
         return np.zeros((1, len(points_mm), 3))

@@ -157,8 +157,8 @@ def _line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> lis
 def _values(
     series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str
 ) -> list[str]:
-    """Return what a pointer finds at the nodes of a line: its name, both values with their units,
-    and U where there is one."""
+    """Return the labels of the nodes of a line for a pointer: its name, both values with their
+    units, and U where there is one."""
     (x_name, x_unit), (y_name, y_unit) = (
         label.partition(" / ")[::2] for label in (x_label, y_label)
     )

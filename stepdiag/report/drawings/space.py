@@ -122,7 +122,7 @@ def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
 
 
 def vector_words(point_mm: Sequence[float], error_um: Sequence[float]) -> str:
-    """Return what a pointer finds at a point of the lattice: its place, the error vector and its
+    """Return the label of a point of the lattice for a pointer: its place, the error vector and its
     length."""
     place, parts = (
         "; ".join(f"{value:.0f}" for value in point_mm),

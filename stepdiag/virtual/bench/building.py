@@ -284,7 +284,7 @@ def _stand_up(
 
 
 def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
-    """Return what talks on the head's line."""
+    """Return the sender on the head's line."""
     if part.format == "tqd":
         return QuadrantDetector(look, full_sum=part.optics.qd.full_sum)
     return FourdofHead(look, rate_hz=part.rate_hz, encoding=part.encoding)
@@ -309,7 +309,7 @@ def build_laser(
     clock: Clock,
     faults: FaultBoard,
 ) -> Talking | Answering:
-    """Return what talks on the laser's line."""
+    """Return the sender on the laser's line."""
     counter = Counter(sign=laser.sign, noise_um=laser.noise_um, seed=seed)
     match laser.format:
         case "nd" | "ids3010":

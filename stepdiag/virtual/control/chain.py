@@ -34,8 +34,8 @@ class ChainTable:
     negated: str = ""
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - these tables know no direction of travel
-        """Return what is added to the axes at commanded positions, shape (N, 3): levers count from
-        the zero of the axes."""
+        """Return the corrections of the axes at commanded positions, shape (N, 3): levers count
+        from the zero of the axes."""
         work, tool = split_chain(self.chain)
         at = np.zeros_like(commanded_mm, dtype=np.float64)
         for axis in reversed(

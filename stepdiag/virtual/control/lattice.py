@@ -17,8 +17,8 @@ class LatticeTable:
     vectors_mm: Array
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - a lattice knows no direction of travel
-        """Return what is added to the axes at commanded positions, shape (N, 3): one axis after the
-        other is interpolated away."""
+        """Return the corrections of the axes at commanded positions, shape (N, 3): one axis after
+        the other is interpolated away."""
         moved = np.empty_like(commanded_mm, dtype=np.float64)
         for row, point in enumerate(commanded_mm):
             values = self.vectors_mm

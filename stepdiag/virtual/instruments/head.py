@@ -271,7 +271,7 @@ def _focused(
 
 
 def dark_channels(optics: HeadOptics, count: int, rng: np.random.Generator) -> Counts:
-    """Return what the detectors count without light, shape (count, 9)."""
+    """Return the counts of the detectors without light, shape (count, 9)."""
     nothing, light = np.zeros((count, 2)), np.zeros(count)
     detectors = (optics.qd, optics.psd1, optics.psd2)
     return np.concatenate([detector.counts(nothing, light, rng) for detector in detectors], axis=1)

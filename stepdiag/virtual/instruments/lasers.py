@@ -25,7 +25,7 @@ class Encoder(Protocol):
     rate_hz: float
 
     def banner(self) -> bytes:
-        """Return what the board sends when it gets power."""
+        """Return the bytes that the board sends when it gets power."""
         ...
 
     def skip(self, count: int) -> None:

@@ -19,8 +19,8 @@ class Compensation(Protocol):
     """A table active in the control."""
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
-        """Return what the control adds to the axis positions at commanded positions (N, 3), shape
-        (N, 3)."""
+        """Return the control's corrections of the axis positions at commanded positions (N, 3),
+        shape (N, 3)."""
         ...
 
 

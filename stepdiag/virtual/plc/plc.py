@@ -139,7 +139,7 @@ class Plc:
         return words + self._air(machine_s)
 
     def _shown_mm(self, segment: Segment, machine_s: float, scan: int) -> Array:
-        """Return what the position registers show in a scan, shape (3,)."""
+        """Return the values of the position registers in a scan, shape (3,)."""
         done = self._drive.fraction(segment.distance_mm, np.array([machine_s - segment.start_s]))[0]
         commanded_mm = segment.from_mm + done * (segment.to_mm - segment.from_mm)
         servo_um = segment.servo_um[0] + done * (segment.servo_um[1] - segment.servo_um[0])

@@ -264,3 +264,12 @@ def test_print_without_attachment_or_font_is_refused(folder: Path) -> None:
         document.save(folder / "poor.pdf")
     with pytest.raises(Exception, match="fonts"):
         archival((folder / "poor.pdf").read_bytes(), "c.xml", b"")
+
+
+def test_an_equal_file_of_another_export_does_not_change_the_report(folder: Path) -> None:
+    """Its folder comes first by its name; the report names the folder of each file."""
+    name = next(path.name for path in sorted((folder / "exports").iterdir()))
+    (folder / "earlier").mkdir()
+    shutil.copy(folder / "exports" / name, folder / "earlier" / name)
+    told = stepdiag("verify", folder / "c.xml")
+    assert told.code == 0, told.out

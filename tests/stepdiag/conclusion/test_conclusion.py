@@ -519,7 +519,7 @@ class TestUnseenSlip:
         that and not the slip."""
         slip, passes = self.said(volume_um=0.5, readings_um=0.2, passes=["npp/1", "ppp/2"])
         assert "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 would" in slip
-        assert "Unnoticed in npp (pass 1); ppp (pass 2), it would leave" in passes
+        assert "In npp (pass 1); ppp (pass 2) a slip that stays unnoticed adds" in passes
         assert "(0.2 µm, k = 1)" in passes
         assert self.said(volume_um=0.5, readings_um=0.2, passes="nonsense") == [slip]
 

@@ -135,14 +135,14 @@ def test_a_date_that_cannot_be_is_left_out_and_hides_nothing(year):
         times=(FIRST, datetime(year, 1, 1, tzinfo=FIRST.tzinfo), FIRST + QUARTER),
     )
     assert [len(each.surveys) for each in found.series] == [2, 2]
-    assert [str(each.why) for each in found.left_out] == [f"the date cannot be: {year}-01-01"]
+    assert [str(each.why) for each in found.left_out] == [f"the date is impossible: {year}-01-01"]
 
 
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
         ({"errors": ("noise-far",)}, "the result has errors: noise-far"),
-        ({"undated": True}, "the date cannot be: 2020-04-15"),
+        ({"undated": True}, "the date is impossible: 2020-04-15"),
     ],
 )
 def test_results_with_errors_and_clocks_that_were_never_set_are_left_out(wrong, why):
