@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 WIDEST = 100
 """Columns of the longest line: an eye that comes back from a longer one finds the wrong next
 line."""
+WHOLE = re.compile(r"`[^`]*`|\d (?=[µ%°]|(?:mm|min|h|s)\b)")
+"""Parts that no line end divides: a command, which is copied, and a figure with its unit."""
 
 
 def viewers_language() -> Language:
@@ -54,11 +56,9 @@ def wrapped(words: Words) -> str:
 
 
 def _wrapped(line: str, columns: int) -> str:
-    """Return a line of at most so many columns; a command in backquotes stays whole, so that it can
-    be copied."""
-    whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), line)
+    """Return a line of at most so many columns, but for a longer word or command."""
     return textwrap.fill(
-        whole,
+        WHOLE.sub(lambda part: part[0].replace(" ", "\0"), line),
         columns,
         subsequent_indent=" " * (len(line) - len(line.lstrip()) + 2),
         break_on_hyphens=False,

@@ -15,7 +15,7 @@ from stepdiag.base.errors import StepdiagError
 from stepdiag.cli.app import app, build
 from stepdiag.daq.service import priority
 from stepdiag.terminal.exits import EXIT_CODES
-from stepdiag.terminal.viewer import WIDEST
+from stepdiag.terminal.viewer import WHOLE, WIDEST
 
 
 class Told(NamedTuple):
@@ -87,7 +87,7 @@ def joined(text: str) -> str:
     last, indent = "", 0
     for line in text.split("\n"):
         words = line.lstrip(" ")
-        first = re.match(r"(?:[^\s`]|`[^`]*`)*", words)
+        first = re.match(rf"(?:{WHOLE.pattern}|[^\s`])*", words)
         room = len(last) + 1 + len(first[0] if first else "")
         if lines and words and len(line) - len(words) == indent + 2 and room > columns:
             lines[-1] += f" {words}"

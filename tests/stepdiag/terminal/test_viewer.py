@@ -76,6 +76,38 @@ def test_lines_are_wrapped_at_words_and_a_command_stays_whole(
     assert joined(printed) == f"{line}\nend\n"
 
 
+@pytest.mark.parametrize("figure", ["9.8 µm", "95 %", "0.3 °C", "12 min"])
+def test_a_figure_keeps_its_unit(
+    figure: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At every width of the terminal."""
+    line = f"the result states {figure} and one slip more"
+    for columns in range(12, 45):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        print_words(line)
+        printed = capsys.readouterr().out
+        assert figure in printed
+        assert joined(printed) == f"{line}\n"
+
+
+def test_an_answer_fits_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 30 lines of 80 columns, without options."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("testkit.cli.joined", lambda text: text)
+    readings, result, survey = (tmp_path / name for name in ("r.csv", "result.json", "s.toml"))
+    shutil.copy(GOLDEN, readings)
+    assert stepdiag("solve", readings, "--out", result).code == 0
+    assert stepdiag("init", survey).code == 0
+    for command in (
+        ("solve", readings),
+        ("plan", survey),
+        ("export", result, "--controller", "siemens", "--out", tmp_path / "files"),
+    ):
+        lines = [*stepdiag(*command).out.splitlines()]
+        assert 5 < len(lines) <= 30, command
+        assert max(map(len, lines)) <= 80, command
+
+
 @pytest.mark.parametrize(("terminal", "columns"), [("", 80), ("60", 60), ("250", 100)])
 def test_a_line_is_as_wide_as_the_terminal_and_at_most_100_columns(
     terminal: str, columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
