@@ -126,7 +126,9 @@ class Capture:
         """Return whether the pass may be over though a stop of it is missing: the next standstill
         decides, and may be the next pass's."""
         walk = self.walk
-        return walk is not None and not self.ended and self._cause.misses_first(walk.route)
+        if walk is None or self.ended or self._by_laser is not None:
+            return False
+        return self._cause.misses_first(walk.route)
 
     @property
     def standing(self) -> Signals | None:
