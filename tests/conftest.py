@@ -58,7 +58,6 @@ TOGETHER = {
     "one server among strangers": ("tests/system/service/test_opcua_strangers.py",),
     "one page with a token": ("tests/system/faults/test_page_access.py",),
     "one archive of surveys": ("tests/system/service/test_resolve.py",),
-    "one machine that was surveyed": ("tests/system/recording/test_proof_run.py",),
     "the sources are read once": ("tests/stepdiag/texts/test_findings.py",),
     "usual surveys are solved once (testkit.exact.surveys.solved)": (
         "tests/solver/methods/test_estimate.py::test_four_diagonals_and_three_linear_runs",

@@ -47,10 +47,9 @@ measuring_system = 1
 EXPORT = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
 
 
-@pytest.fixture(scope="module")
-def surveyed(tmp_path_factory):
-    """The folder of a machine that was surveyed, with its export."""
-    folder = tmp_path_factory.mktemp("surveyed")
+def surveyed(folder: Path) -> Path:
+    """Survey a machine in a folder, with its export; return the folder."""
+    folder.mkdir()
     (folder / "siemens.toml").write_text(PROFILE, encoding="utf-8")
     with (
         hall(
@@ -97,7 +96,14 @@ def record(place, survey: Path, setups: tuple[str, ...]) -> None:
         assert until(process, "survey-complete")[-1]["exit_code"] == 0
 
 
-def test_an_undecided_proof_run_goes_on_with_the_setup_that_it_names(tmp_path, surveyed):
+def test_proof_runs_of_a_machine_keep_restore_and_go_on(tmp_path):
+    """One survey serves both parts: it takes as long as they do."""
+    known = surveyed(tmp_path / "surveyed")
+    an_undecided_run_goes_on_with_the_setup_that_it_names(tmp_path / "undecided", known)
+    right_tables_are_kept_and_turned_ones_restored(tmp_path / "decided", known)
+
+
+def an_undecided_run_goes_on_with_the_setup_that_it_names(tmp_path, surveyed):
     """A line alone leaves open all that acts along and across other axes: one diagonal decides
     it, and the line is not driven again."""
     driven = {
@@ -131,7 +137,7 @@ def test_an_undecided_proof_run_goes_on_with_the_setup_that_it_names(tmp_path, s
     assert [each["code"] for each in verdict["tables"]] == 9 * ["right"]
 
 
-def test_a_proof_run_keeps_right_tables_and_restores_turned_ones(tmp_path, surveyed):
+def right_tables_are_kept_and_turned_ones_restored(tmp_path, surveyed):
     """The plan names diagonal, line, programs and what they will see; the run ends in status,
     result and verdict, and with an exit code."""
     files = exported(surveyed, tmp_path)
