@@ -389,7 +389,7 @@ ROWS = (
     ),
     *(
         Row(name=f"slip {um:g} um in pnp", extra=_slip("pnp", um), named=frozenset(("count-step",)))
-        for um in (5, 20, 200)
+        for um in (5, 20, 200, 500, 2000)
     ),
     Row(
         name="slip 5 um in pnp, out and back",
