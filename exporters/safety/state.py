@@ -8,11 +8,9 @@ survey's finding for this function is
     measured = e (1 +- CHANGED) - k e           compensation on
 
 so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k for "off" and 1 / k - 1 for
-"on". k is near 1 (`SIZES`, a common k for all tables of a kind), and the share has an uncertainty
-of its own from that of the result. The odds of "on" against "off" are the ratio of the likelihoods
-of all shares of a kind, integrated over k. A table of three times the right size is rare, and no
-miracle (`TAILS`): where it is off, it shows the mean share of a right table that is on, and only
-the scatter of the shares of its functions separates the two.
+"on". k is near 1, log normal (`SIZES`, a common k for all tables of a kind), and the share has an
+uncertainty of its own from that of the result. The odds of "on" against "off" are the ratio of the
+likelihoods of all shares of a kind, integrated over k.
 
 A table of another machine, or of before a repair, shows any share (`ALIEN`), and a function unlike
 its own: the rest of the function beside the share exceeds CHANGED of e, evidence against both
@@ -49,9 +47,9 @@ from stepdiag.exporters.tables.fit import line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, summed_um
 
-SIZES, TAILS = 0.21, 10.0
-"""Spread and degrees of freedom (Student) of the logarithm of k: old tables of 0.7 to 1.4 of the
-right size are ordinary, and one in 120 is twice as large, or half as large, or farther off."""
+SIZES = 0.25
+"""Standard deviation of the logarithm of k: old tables of 0.7 to 1.4 of the right size are
+ordinary."""
 CHANGED = 0.15
 """Change of a function between the survey of an old table and today's, as a share of the
 function.
@@ -72,7 +70,7 @@ ALIEN, ALIEN_ODDS = 1.0, 0.1
 """Standard deviation of the share of a table of something else, and the odds of such a table beside
 a state.
 """
-_LOG_K = np.linspace(-1.5, 1.5, 121)
+_LOG_K = np.linspace(-1.0, 1.0, 81)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,7 +238,7 @@ def _log_likelihood(members: Sequence[Share], *, acted: bool) -> float:
 
 def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
     """Return the logarithm of prior and likelihood for each size of `_LOG_K`."""
-    logs: Vector = -0.5 * (TAILS + 1.0) * np.log1p((_LOG_K / SIZES) ** 2 / TAILS)
+    logs: Vector = -0.5 * (_LOG_K / SIZES) ** 2
     for share in members:
         alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
         logs = logs + np.logaddexp(np.log(1 - ALIEN_ODDS) + _log_fit(share, acted=acted), alien)
