@@ -6,8 +6,9 @@ And no code of the program reads the English text of a finding, to decide by it 
 """
 
 from collections.abc import Callable
+from functools import partial
 
-from mypy.nodes import ARG_STAR2
+from mypy.nodes import ARG_STAR2, TypeInfo
 from mypy.plugin import AttributeContext, FunctionContext, Plugin, ReportConfigContext
 from mypy.subtypes import is_subtype
 from mypy.types import Instance, LiteralType, Type, UnionType, get_proper_type
@@ -16,16 +17,19 @@ from stepdiag.texts.patterns import sentences, slots
 
 TEXTS = ("stepdiag.base.findings.Finding.text", "stepdiag.daq.records.status.FindingStatus.text")
 """English sentences for logs, results and programs outside."""
-READERS = (
-    "stepdiag/base/findings.py",
-    "stepdiag/daq/records/status.py",
+MESSAGE = "stepdiag.base.messages.Message"
+MAKERS = (
+    "stepdiag.base.messages.message",
+    *(f"stepdiag.base.findings.{severity}" for severity in ("error", "warning", "info")),
 )
+"""Functions whose first argument is a key, and whose others are the arguments of its message."""
+READERS = ("stepdiag/base/findings.py", "stepdiag/daq/records/status.py")
 """Where a text is written out, and where one of an old log or result takes the place of a
 message."""
 
 
 class Messages(Plugin):
-    """Look at the calls of one function, and at the texts that nothing reads."""
+    """Look at the calls of the makers of messages, and at the texts that nothing reads."""
 
     def get_attribute_hook(self, fullname: str) -> Callable[[AttributeContext], Type] | None:
         """Return what looks at an attribute."""
@@ -33,7 +37,12 @@ class Messages(Plugin):
 
     def get_function_hook(self, fullname: str) -> Callable[[FunctionContext], Type] | None:
         """Return what looks at a call."""
-        return _check if fullname == "stepdiag.base.messages.message" else None
+        if fullname not in MAKERS:
+            return None
+        known = self.lookup_fully_qualified(MESSAGE)
+        if known is None or not isinstance(known.node, TypeInfo):
+            raise LookupError(MESSAGE)
+        return partial(_check, Instance(known.node, []))
 
     def report_config_data(self, ctx: ReportConfigContext) -> object:
         """Return what a checked file hangs on beside its own text: the catalogue."""
@@ -55,8 +64,8 @@ def _refuse_text(read: AttributeContext) -> Type:
     return read.default_attr_type
 
 
-def _check(call: FunctionContext) -> Type:
-    types = _expected(call)
+def _check(words: Type, call: FunctionContext) -> Type:
+    types = _expected(call, words)
     given = dict(zip(call.arg_names[1], call.arg_types[1], strict=True))
     keys = _keys(call.arg_types[0][0])
     if not keys:
@@ -78,10 +87,10 @@ def _check(call: FunctionContext) -> Type:
     return call.default_return_type
 
 
-def _expected(call: FunctionContext) -> dict[str, Type]:
+def _expected(call: FunctionContext, words: Type) -> dict[str, Type]:
     of = call.api.named_generic_type
     name, whole = (
-        UnionType([of("builtins.str", []), call.default_return_type]),
+        UnionType([of("builtins.str", []), words]),
         of("builtins.int", []),
     )
     many = dict.fromkeys(

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
@@ -410,8 +410,8 @@ def _remarks(
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
         if options.chain is not None:
-            yield finding("info", message("sign-untested.chain"))
-        yield finding("info", message("sign-untested.volumetric-file"))
+            yield info("sign-untested.chain")
+        yield info("sign-untested.volumetric-file")
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.compensation import stated_in
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, info, warning
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import DISPLACEMENTS, Result
 from stepdiag.base.volume import Vector
@@ -177,15 +177,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:
-        yield finding(
-            "error",
-            message("value-large.lattice-limit", largest_um=largest, value_um=most.value_um),
-        )
+        yield error("value-large.lattice-limit", largest_um=largest, value_um=most.value_um)
     elif largest > most.warn_value_um:
-        yield finding(
-            "warning",
-            message("value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um),
-        )
+        yield warning("value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um)
     slopes = [
         float(
             np.max(
@@ -201,12 +195,10 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     ]
     steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
     if steepest > steep:
-        yield finding(
-            "warning", message("slope-steep.lattice", steepest_um_mm=steepest, steep_um_mm=steep)
-        )
+        yield warning("slope-steep.lattice", steepest_um_mm=steepest, steep_um_mm=steep)
     for each in result.findings:
         if each.severity == "error":
-            yield finding("error", message("data-quality", code=each.code, what=each.words))
+            yield error("data-quality", code=each.code, what=each.words)
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
@@ -217,28 +209,25 @@ def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
     ):
         first, last, high = float(at[0]), float(at[-1]), low + size
         if min(last, high) - max(first, low) < COVERED * size:
-            yield finding(
-                "error",
-                message(
-                    "beyond-travel.lattice",
-                    letter=letter,
-                    first_mm=first,
-                    last_mm=last,
-                    low_mm=low,
-                    high_mm=high,
-                ),
+            yield error(
+                "beyond-travel.lattice",
+                letter=letter,
+                first_mm=first,
+                last_mm=last,
+                low_mm=low,
+                high_mm=high,
             )
 
 
 def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
     for name, function in sorted(result.reversal.items()):
         if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
-            yield finding("info", message("direction-averaged", name=name))
+            yield info("direction-averaged", name=name)
             yield from backlash_offered(result, name[2], ends_backlash=False)
     for letter in "XYZ":
         working = profile.axis(letter).working_mm
         if working is not None:
-            yield finding("info", message("working-zone-unused", letter=letter))
+            yield info("working-zone-unused", letter=letter)
 
 
 def _beside(result: Result, held: Lattice) -> Iterator[Finding]:

@@ -6,8 +6,7 @@ position from machine zero, the amount of error in the + direction and in the - 
 wording. No transfer format is public, and no cross table is described.
 """
 
-from stepdiag.base.findings import finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import info
 from stepdiag.exporters.tables.axis_list import AxisList
 from stepdiag.exporters.tables.tables import Law
 
@@ -40,5 +39,5 @@ FAGOR = AxisList(
             "has grown, key in the restore list."
         ),
     ),
-    remarks=(finding("info", message("sign-untested.fagor")),),
+    remarks=(info("sign-untested.fagor"),),
 )

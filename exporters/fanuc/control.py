@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.fanuc import lines, pitch
@@ -103,9 +103,7 @@ class Fanuc:
             if curve.name in POSITIONING:
                 tables += _positioning(curve, profile, options)
             elif curve.name not in fitted:
-                findings.append(
-                    finding("info", message("function-left-out.points", name=curve.name))
-                )
+                findings.append(info("function-left-out.points", name=curve.name))
             else:
                 table, left_um = fitted[curve.name]
                 if (numbers := options.straightness.get(curve.name)) is None:
@@ -115,7 +113,7 @@ class Fanuc:
                 findings.append(_straightness_remark(curve, left_um, options))
         _require_pitch_points(tables, masters, profile)
         if asked.straightness_option and options.straightness != asked.straightness:
-            findings.append(finding("info", message("sign-untested.recalled")))
+            findings.append(info("sign-untested.recalled"))
         return Plan(
             tables=tuple(tables),
             findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
@@ -366,15 +364,13 @@ def _require_pitch_points(
 
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
     if curve.name in options.straightness:
-        return finding("info", message("step-coarse.four-points", name=curve.name, um=left_um))
+        return info("step-coarse.four-points", name=curve.name, um=left_um)
     why = (
         message("sets-hold-others")
         if options.straightness
         else message("straightness-by-option", name=curve.name)
     )
-    return finding(
-        "info", message("function-left-out.report", name=curve.name, left_um=left_um, why=why)
-    )
+    return info("function-left-out.report", name=curve.name, left_um=left_um, why=why)
 
 
 def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
@@ -384,13 +380,10 @@ def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
     for index, (one, its_points) in enumerate(ranges):
         for other, other_points in ranges[index + 1 :]:
             if shared := sorted(its_points & other_points):
-                yield finding(
-                    "error",
-                    message(
-                        "points-overlap",
-                        one=one.label,
-                        other=other.label,
-                        first=shared[0],
-                        last=shared[-1],
-                    ),
+                yield error(
+                    "points-overlap",
+                    one=one.label,
+                    other=other.label,
+                    first=shared[0],
+                    last=shared[-1],
                 )

@@ -11,8 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, error, warning
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
 from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL, DISABLED, MOST_AXES
 from stepdiag.exporters.fanuc.punch import PunchFile
@@ -33,15 +32,15 @@ def identity_findings(
     profile; a missing parameter is no evidence.
     """
     if _bit(masters, DISABLED, None, 0):
-        yield finding("error", message("machine-file-differs.disabled"))
+        yield error("machine-file-differs.disabled")
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
-        yield finding("warning", message("units-not-metric.machine"))
+        yield warning("units-not-metric.machine")
     used = found_in(masters, msgspec.structs.replace(options, straightness_option=True))
     acting = [
         name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)
     ]
     if acting and not options.straightness_option and not options.straightness:
-        yield finding("warning", message("machine-file-differs.straightness", names=acting))
+        yield warning("machine-file-differs.straightness", names=acting)
     for letter, axis in options.axes.items():
         yield from _axis(masters, letter, axis, profile, options)
 
@@ -56,16 +55,13 @@ def _axis(
     name = _number(masters, AXIS_NAME, axis.number)
     if name is not None and name != ord(letter):
         shown = chr(name) if 32 < name < 127 else str(name)
-        yield finding(
-            "error",
-            message(
-                "machine-file-differs.axis",
-                number=axis.number,
-                name=name,
-                shown=shown,
-                again=axis.number,
-                letter=letter,
-            ),
+        yield error(
+            "machine-file-differs.axis",
+            number=axis.number,
+            name=name,
+            shown=shown,
+            again=axis.number,
+            letter=letter,
         )
     others = [
         key
@@ -74,42 +70,31 @@ def _axis(
         and any(_text(masters, key, each) for each in AXES)
     ]
     if others:
-        yield finding(
-            "error",
-            message(
-                "machine-file-differs.no-axis",
-                parameter=others[0],
-                number=axis.number,
-                again=axis.number,
-                letter=letter,
-            ),
+        yield error(
+            "machine-file-differs.no-axis",
+            parameter=others[0],
+            number=axis.number,
+            again=axis.number,
+            letter=letter,
         )
     reference, highest = (
         _number(masters, REFERENCE_POINT, axis.number),
         _number(masters, HIGHEST_POINT, axis.number),
     )
     if highest and reference is not None and reference != axis.reference_point:
-        yield finding(
-            "error",
-            message(
-                "machine-file-differs.reference",
-                number=axis.number,
-                found=reference,
-                stated=axis.reference_point,
-                letter=letter,
-            ),
+        yield error(
+            "machine-file-differs.reference",
+            number=axis.number,
+            found=reference,
+            stated=axis.reference_point,
+            letter=letter,
         )
     if _bit(masters, BIDIRECTIONAL, axis.number, 0) and not (
         options.experimental_bidirectional and profile.machine.direction == "both"
     ):
-        yield finding(
-            "error",
-            message("machine-file-differs.bidirectional", number=axis.number, letter=letter),
-        )
+        yield error("machine-file-differs.bidirectional", number=axis.number, letter=letter)
     if _bit(masters, 1006, axis.number, 3):
-        yield finding(
-            "warning", message("machine-file-differs.diameters", number=axis.number, letter=letter)
-        )
+        yield warning("machine-file-differs.diameters", number=axis.number, letter=letter)
     is_a, is_c = (_bit(masters, 1013, axis.number, bit) for bit in (0, 1))
     if (
         is_a is not None
@@ -117,14 +102,11 @@ def _axis(
         and _INCREMENT_UM.get((is_a, is_c), options.least_input_um) != options.least_input_um
     ):
         file_um = _INCREMENT_UM[is_a, is_c]
-        yield finding(
-            "warning",
-            message(
-                "machine-file-differs.increment",
-                number=axis.number,
-                found_um=file_um,
-                stated_um=options.least_input_um,
-            ),
+        yield warning(
+            "machine-file-differs.increment",
+            number=axis.number,
+            found_um=file_um,
+            stated_um=options.least_input_um,
         )
 
 

@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
@@ -127,7 +127,7 @@ class Heidenhain:
                 quantum_urad=_QUANTUM_URAD,
                 place=_place(angle.name[2], profile),
             )
-        recalled = finding("info", message("sign-untested.component", file=LINES))
+        recalled = info("sign-untested.component", file=LINES)
         return Plan(tables=tuple(tables), findings=(*plan.findings, recalled))
 
     def render(
@@ -429,5 +429,5 @@ def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
     if not any(file.name.upper().endswith((".COM", ".CMA")) for file in profile.existing):
-        yield finding("warning", message("profile-assumed.columns"))
-    yield finding("info", message("sign-untested.com"))
+        yield warning("profile-assumed.columns")
+    yield info("sign-untested.com")

@@ -17,7 +17,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
 from stepdiag.base.volume import Vector
@@ -284,7 +284,7 @@ class LinuxCnc:
 def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
     """Yield which squareness is not written, where the control has no matrixkins."""
     if names := [part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE]:
-        yield finding("info", message("function-left-out.matrixkins", names=names))
+        yield info("function-left-out.matrixkins", names=names)
 
 
 def unit_mm(profile: Profile) -> float:

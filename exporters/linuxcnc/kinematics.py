@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, warning
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
@@ -121,9 +121,7 @@ def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
                 "first_mm": travel[0],
                 "last_mm": travel[1],
             }
-            yield finding(
-                "warning", message("beyond-travel.corrected", axis=letter, file=NAME, **reached)
-            )
+            yield warning("beyond-travel.corrected", axis=letter, file=NAME, **reached)
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
@@ -245,7 +245,7 @@ def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
 
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
-    yield finding("info", message("sign-untested.component-data"))
+    yield info("sign-untested.component-data")
 
 
 def _lines(table: Table, profile: Profile) -> list[str]:

@@ -13,7 +13,7 @@ from datetime import date
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.messages import Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
@@ -34,15 +34,15 @@ _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fag
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
     """Everything the checks look at. ``previous`` are the tables in the control now, as far as the
-    profile gives them."""
+    profile gives them; ``today`` counts for sign tests alone."""
 
     controller: Controller
     profile: Profile
     result: Result
-    curves: Sequence[Curve]
     tables: Sequence[Table]
-    previous: Sequence[Table]
-    today: date
+    curves: Sequence[Curve] = ()
+    previous: Sequence[Table] = ()
+    today: date = date.min
 
     def axis_label(self, letter: str) -> str:
         """Return an axis as ``X (AX1)``."""
@@ -56,9 +56,9 @@ def check_finite(case: Case) -> Iterator[Finding]:
     """1: finite values, ascending positions."""
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
-            yield finding("error", message("file-unsound.number", label=table.label))
+            yield error("file-unsound.number", label=table.label)
         elif np.any(np.diff(table.position_mm) <= ROUNDING_MM):
-            yield finding("error", message("grid-unfit.order", label=table.label))
+            yield error("grid-unfit.order", label=table.label)
 
 
 def check_values(case: Case) -> Iterator[Finding]:
@@ -69,15 +69,10 @@ def check_values(case: Case) -> Iterator[Finding]:
         own = case.controller.limits(table, case.profile).value_um
         if largest > limits.value_um or (own is not None and largest > own):
             limit = min(limits.value_um, own or np.inf)
-            yield finding(
-                "error", message("value-large.limit", label=table.label, um=largest, limit_um=limit)
-            )
+            yield error("value-large.limit", label=table.label, um=largest, limit_um=limit)
         elif largest > limits.warn_value_um:
-            yield finding(
-                "warning",
-                message(
-                    "value-large", label=table.label, um=largest, limit_um=limits.warn_value_um
-                ),
+            yield warning(
+                "value-large", label=table.label, um=largest, limit_um=limits.warn_value_um
             )
 
 
@@ -95,7 +90,7 @@ def check_change(case: Case) -> Iterator[Finding]:
         new = [each for each in case.tables if each.name == table.name]
         change = float(np.max(np.abs(movement_um(table, new) - movement_um(table, before))))
         if change > case.profile.limits.at(_travel_mm(table)).change_um:
-            yield finding("warning", message("change-large", label=table.label, um=change))
+            yield warning("change-large", label=table.label, um=change)
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
@@ -109,22 +104,16 @@ def check_slope(case: Case) -> Iterator[Finding]:
         if most == "plausible":
             most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
-            yield finding(
-                "warning",
-                message("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most),
-            )
+            yield warning("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most)
         allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
         if own.neighbour_um_mm is not None:
             allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
         if np.any(steps > allowed + _ZERO_UM):
-            yield finding(
-                "error",
-                message(
-                    "slope-steep.neighbour",
-                    label=table.label,
-                    um=np.max(steps),
-                    limit_um=np.min(allowed),
-                ),
+            yield error(
+                "slope-steep.neighbour",
+                label=table.label,
+                um=np.max(steps),
+                limit_um=np.min(allowed),
             )
 
 
@@ -138,14 +127,13 @@ def check_points(case: Case) -> Iterator[Finding]:
             default=-1,
         )
         if held is not None and (len(of_kind) > held or highest >= held):
-            text = message(
+            yield error(
                 "control-full.tables",
                 count=len(of_kind),
                 kind=kind,
                 number=max(highest, len(of_kind) - 1),
                 held=held,
             )
-            yield finding("error", text)
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
         allowed = min(
@@ -153,14 +141,8 @@ def check_points(case: Case) -> Iterator[Finding]:
             default=None,
         )
         if allowed is not None and len(table.position_mm) > allowed:
-            yield finding(
-                "error",
-                message(
-                    "control-full.points",
-                    label=table.label,
-                    count=len(table.position_mm),
-                    held=allowed,
-                ),
+            yield error(
+                "control-full.points", label=table.label, count=len(table.position_mm), held=allowed
             )
 
 
@@ -174,14 +156,11 @@ def check_reference(case: Case) -> Iterator[Finding]:
         )
         wanted = case.controller.limits(table, case.profile).reference_um
         if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:
-            yield finding(
-                "error",
-                message(
-                    "reference-unfit.value",
-                    label=table.label,
-                    um=at_reference,
-                    place_mm=table.reference_mm,
-                ),
+            yield error(
+                "reference-unfit.value",
+                label=table.label,
+                um=at_reference,
+                place_mm=table.reference_mm,
             )
 
 
@@ -196,29 +175,23 @@ def check_travel(case: Case) -> Iterator[Finding]:
             or table.position_mm[-1] < travel[1] - _ZERO_UM
         ):
             low, high = table.absolute_um[[0, -1]]
-            yield finding(
-                "warning",
-                message(
-                    "travel-not-covered",
-                    label=table.label,
-                    first_mm=table.position_mm[0],
-                    last_mm=table.position_mm[-1],
-                    from_mm=travel[0],
-                    to_mm=travel[1],
-                    low_um=low,
-                    high_um=high,
-                ),
+            yield warning(
+                "travel-not-covered",
+                label=table.label,
+                first_mm=table.position_mm[0],
+                last_mm=table.position_mm[-1],
+                from_mm=travel[0],
+                to_mm=travel[1],
+                low_um=low,
+                high_um=high,
             )
 
 
 def check_units(case: Case) -> Iterator[Finding]:
     """8: the unit system of the control."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
-        yield finding(
-            "error",
-            message(
-                "units-not-metric", control=case.controller.title, units=case.profile.machine.units
-            ),
+        yield error(
+            "units-not-metric", control=case.controller.title, units=case.profile.machine.units
         )
 
 
@@ -226,9 +199,7 @@ def check_axes(case: Case) -> Iterator[Finding]:
     """9: every axis has a name of its own."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield finding(
-            "error", message("profile-incomplete.name", source=case.profile.source, name=name)
-        )
+        yield error("profile-incomplete.name", source=case.profile.source, name=name)
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
@@ -245,14 +216,9 @@ def check_reversal(case: Case) -> Iterator[Finding]:
     ):
         backlash = case.profile.axis(letter).backlash_um
         if backlash is None:
-            yield finding(
-                "warning",
-                message("profile-incomplete.reversal", axis_label=case.axis_label(letter)),
-            )
+            yield warning("profile-incomplete.reversal", axis_label=case.axis_label(letter))
         elif backlash != 0:
-            yield finding(
-                "error", message("direction-unfit.twice", axis=case.axis_label(letter), um=backlash)
-            )
+            yield error("direction-unfit.twice", axis=case.axis_label(letter), um=backlash)
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
@@ -261,22 +227,19 @@ def check_quality(case: Case) -> Iterator[Finding]:
     """
     for each in case.result.findings:
         if each.severity == "error":
-            yield finding("error", message("data-quality", code=each.code, what=each.words))
+            yield error("data-quality", code=each.code, what=each.words)
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
     spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
     worst = max(spreads, key=lambda name: spreads[name], default="")
     if worst and spreads[worst] > largest / 2:
-        yield finding(
-            "warning",
-            message(
-                "correction-small.repeatability", setup=worst, um=spreads[worst], largest_um=largest
-            ),
+        yield warning(
+            "correction-small.repeatability", setup=worst, um=spreads[worst], largest_um=largest
         )
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(
         np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain
     ):
-        yield finding("warning", message("correction-small.uncertainty"))
+        yield warning("correction-small.uncertainty")
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
@@ -285,15 +248,12 @@ def check_sign(case: Case) -> Iterator[Finding]:
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
-                yield finding(
-                    "error",
-                    message(
-                        "sign-contradicted",
-                        kind=kind,
-                        date=record.date.isoformat(),
-                        verdict=record.verdict,
-                        sense=sense,
-                    ),
+                yield error(
+                    "sign-contradicted",
+                    kind=kind,
+                    date=record.date.isoformat(),
+                    verdict=record.verdict,
+                    sense=sense,
                 )
 
 
@@ -327,16 +287,7 @@ def limit_findings(
     controller: Controller, profile: Profile, result: Result, tables: Sequence[Table]
 ) -> tuple[Finding, ...]:
     """Return the violations of the limits of control and profile by tables of any source."""
-    today = date.min  # no check of a limit asks for the day
-    case = Case(
-        controller=controller,
-        profile=profile,
-        result=result,
-        curves=(),
-        tables=tables,
-        previous=(),
-        today=today,
-    )
+    case = Case(controller=controller, profile=profile, result=result, tables=tables)
     return run_checks(case, LIMITS)
 
 
@@ -351,7 +302,7 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
         meant, found = (movement_um(table, tables) for tables in alike)
         off = float(np.max(np.abs(found - meant))) if alike[1] else np.inf
         if not off <= table.quantum_um / 2 + _ZERO_UM:
-            yield finding("error", message("file-unsound.read-back", label=table.label, um=off))
+            yield error("file-unsound.read-back", label=table.label, um=off)
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 
 from stepdiag.base.compensation import Statement, stated_in
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, warning
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.result import Result
 from stepdiag.base.settings import UNANSWERED
@@ -68,7 +68,7 @@ def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
         state = (
             message("state-on") if profile.machine.measured_with == "on" else message("state-off")
         )
-        yield finding("warning", message("compensation-unanswered.profile", state=state))
+        yield warning("compensation-unanswered.profile", state=state)
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:

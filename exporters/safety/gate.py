@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error
 from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
@@ -65,16 +65,13 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]
-            yield finding(
-                "error",
-                message(
-                    "beyond-travel",
-                    label=table.label,
-                    first=first,
-                    last_mm=last,
-                    low=travel[0],
-                    high_mm=travel[1],
-                ),
+            yield error(
+                "beyond-travel",
+                label=table.label,
+                first=first,
+                last_mm=last,
+                low=travel[0],
+                high_mm=travel[1],
             )
 
 

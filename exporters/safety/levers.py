@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, warning
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.exporters.files.control_file import ControlFile
@@ -44,7 +44,7 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
     names = without_levers(files)
     if not names:
         return None
-    return finding("warning", message("angles-left-out", names=names))
+    return warning("angles-left-out", names=names)
 
 
 def require_levers(result: Result, profile: Profile) -> None:

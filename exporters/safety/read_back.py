@@ -13,8 +13,7 @@ from pathlib import PurePath
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, error
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.controller import Controller, Switching
 from stepdiag.exporters.tables.profile import Profile
@@ -104,20 +103,17 @@ def _compared(
     except (
         DataError,
         UsageError,
-    ) as error:  # a loading that ended half way leaves a table without its grid
+    ) as broken:  # a loading that ended half way leaves a table without its grid
         if not all(controller.recognises(file) for file in plain):
             raise
-        findings = [finding("error", message("read-back-differs.unfit", why=error.message))]
+        findings = [error("read-back-differs.unfit", why=broken.message)]
     stated: Mapping[str, str] = {}
     if switched and isinstance(controller, Switching):
         stated, now = controller.switches(wanted, profile), controller.held_switches(plain)
         findings += [
-            finding(
-                "error",
-                message("read-back-differs.switch", name=name, held=now[name], written=value),
-            )
+            error("read-back-differs.switch", name=name, held=now[name], written=value)
             if name in now
-            else finding("error", message("read-back-differs.unread", name=name))
+            else error("read-back-differs.unread", name=name)
             for name, value in stated.items()
             if now.get(name) != value
         ]
@@ -135,7 +131,7 @@ def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Findi
         yield from _of_table(table, found.get(table.identity))
     for identity, table in found.items():
         if identity not in known and table.value_um.any():
-            yield finding("error", message("read-back-differs.beside", label=table.label))
+            yield error("read-back-differs.beside", label=table.label)
 
 
 def as_data(file: ControlFile) -> ControlFile:
@@ -157,7 +153,7 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
     label = wanted.label
     if held is None:
         if wanted.value_um.any():
-            yield finding("error", message("read-back-differs.absent", label=label))
+            yield error("read-back-differs.absent", label=label)
         return
     alike = wanted.direction == held.direction and len(wanted.position_mm) == len(held.position_mm)
     if (
@@ -165,7 +161,7 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
         or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM
         or not same_lever(wanted, held)
     ):
-        yield finding("error", message("read-back-differs.grid", label=label))
+        yield error("read-back-differs.grid", label=label)
         return
     off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(
         wanted.quantum_um, _LEAST_UM
@@ -174,7 +170,4 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
         at = int(np.argmax(off))
         where = f"{wanted.input_axis} {wanted.position_mm[at]:g} mm"
         pair = {"held_um": float(held.absolute_um[at]), "written_um": float(wanted.absolute_um[at])}
-        yield finding(
-            "error",
-            message("read-back-differs", label=label, count=int(off.sum()), where=where, **pair),
-        )
+        yield error("read-back-differs", label=label, count=int(off.sum()), where=where, **pair)

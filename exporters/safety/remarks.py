@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Backlash
 from stepdiag.base.result.result import POSITIONING, Result
@@ -33,19 +33,19 @@ def _assumptions(case: Case) -> Iterator[Finding]:
         message("axis-assumed", letter=letter, name=axis.name, reference_mm=axis.reference_mm)
         for letter, axis in case.profile.axes.items()
     ]
-    yield finding("info", message("profile-assumed", axes=axes))
+    yield info("profile-assumed", axes=axes)
 
 
 def _shape_only(case: Case) -> Iterator[Finding]:
     names = [curve.name for curve in case.curves if not curve.slope_known]
     if names:
-        yield finding("warning", message("shape-only", names=names))
+        yield warning("shape-only", names=names)
 
 
 def _sign(case: Case) -> Iterator[Finding]:
     kinds = untested_kinds(case)
     if kinds:
-        yield finding("warning", message("sign-untested", kinds=kinds))
+        yield warning("sign-untested", kinds=kinds)
 
 
 def _coarse(case: Case) -> Iterator[Finding]:
@@ -76,7 +76,7 @@ def coarse(whose: Message, missed: Mapping[str, float]) -> Iterator[Finding]:
         if um >= _COARSE_UM
     ]
     if left:
-        yield finding("info", message("step-coarse", whose=whose, left=left))
+        yield info("step-coarse", whose=whose, left=left)
 
 
 def _ends(case: Case) -> Iterator[Finding]:
@@ -86,26 +86,20 @@ def _ends(case: Case) -> Iterator[Finding]:
         ):
             low, high = (fixed(um, 2) for um in table.absolute_um[[0, -1]])
             first, last = table.position_mm[[0, -1]]
-            yield finding(
-                "info",
-                message(
-                    "travel-not-covered.held",
-                    label=table.label,
-                    low=low,
-                    first_mm=first,
-                    high=high,
-                    last_mm=last,
-                ),
+            yield info(
+                "travel-not-covered.held",
+                label=table.label,
+                low=low,
+                first_mm=first,
+                high=high,
+                last_mm=last,
             )
 
 
 def _state(case: Case) -> Iterator[Finding]:
-    yield finding("info", message("reference-axes-first"))
+    yield info("reference-axes-first")
     if not case.profile.existing:
-        yield finding(
-            "info",
-            message("restore-is-zero"),
-        )
+        yield info("restore-is-zero")
 
 
 def _reversal(case: Case) -> Iterator[Finding]:
@@ -121,7 +115,7 @@ def _reversal(case: Case) -> Iterator[Finding]:
             ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
             yield from backlash_offered(case.result, curve.input_axis, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
-            yield finding("info", message("direction-averaged.chance", name=curve.name))
+            yield info("direction-averaged.chance", name=curve.name)
 
 
 def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
@@ -137,25 +131,22 @@ def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Ite
         return
     whither = message("backlash-into-table") if ends_backlash else message("backlash-to-add")
     value_um, expanded_um = -number.value, 2 * number.u
-    yield finding(
-        "info",
-        message(
-            "reversal-value",
-            name=f"E{letter}{letter}",
-            value_um=value_um,
-            expanded_um=expanded_um,
-            whither=whither,
-        ),
+    yield info(
+        "reversal-value",
+        name=f"E{letter}{letter}",
+        value_um=value_um,
+        expanded_um=expanded_um,
+        whither=whither,
     )
 
 
 def _runs(case: Case) -> Iterator[Finding]:
     single = [name for name, report in case.result.setups.items() if report.passes == (1,)]
     if single:
-        yield finding("info", message("single-run", single=single))
+        yield info("single-run", single=single)
 
 
 def _data(case: Case) -> Iterator[Finding]:
     for each in case.result.findings:
         if each.severity == "warning":
-            yield finding("info", message("data-quality.remark", code=each.code, what=each.words))
+            yield info("data-quality.remark", code=each.code, what=each.words)

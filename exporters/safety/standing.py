@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
@@ -111,12 +110,9 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
         if table.name in named and table.identity not in foreign:
-            yield finding(
-                "error",
-                message("old-table-left-active", label=table.label, other=named[table.name].label),
-            )
+            yield error("old-table-left-active", label=table.label, other=named[table.name].label)
         elif table.identity in foreign:
-            yield finding("error", message("old-table-left-active.part-left", label=table.label))
+            yield error("old-table-left-active.part-left", label=table.label)
         elif (
             table.multiplier is not None
             and profile.machine.measured_with == "off"
@@ -129,7 +125,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
             and (profile.machine.measured_with == "off" or table.multiplier is None)
             and not _chosen(result, table)
         ):
-            yield finding("error", message("old-table-lost", label=table.label))
+            yield error("old-table-lost", label=table.label)
     for table in standing.new:
         old = [
             each
@@ -153,10 +149,7 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
             and table.input_axis in (product.input_axis, lever)
         )
         if alike and table.value_um.any():
-            yield finding(
-                "error",
-                message("old-table-left-active.beside-new", label=product.label, other=table.label),
-            )
+            yield error("old-table-left-active.beside-new", label=product.label, other=table.label)
             return
 
 
@@ -183,17 +176,14 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
             np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way)))
         )
         if lost_um > NOTHING_UM:
-            yield finding(
-                "warning",
-                message(
-                    "old-table-lost.ends",
-                    label=table.label,
-                    first_mm=table.position_mm[0],
-                    last_mm=table.position_mm[-1],
-                    low_mm=each.position_mm[0],
-                    high_mm=each.position_mm[-1],
-                    lost_um=lost_um,
-                ),
+            yield warning(
+                "old-table-lost.ends",
+                label=table.label,
+                first_mm=table.position_mm[0],
+                last_mm=table.position_mm[-1],
+                low_mm=each.position_mm[0],
+                high_mm=each.position_mm[-1],
+                lost_um=lost_um,
             )
             return
 
@@ -205,9 +195,7 @@ def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
         float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old
     ) / len({each.direction for each in old})
     if abs(rise_um) > NOTHING_UM:
-        yield finding(
-            "warning", message("old-table-lost.slope-of-table", label=table.label, rise_um=rise_um)
-        )
+        yield warning("old-table-lost.slope-of-table", label=table.label, rise_um=rise_um)
 
 
 def _stands(table: Table, among: Iterable[Table]) -> bool:

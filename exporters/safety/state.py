@@ -35,7 +35,7 @@ from typing import Final, Literal
 import msgspec
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, finding, warning
 from stepdiag.base.messages import message
 from stepdiag.base.result.field import from_first
 from stepdiag.base.result.result import Function, Result
@@ -305,10 +305,7 @@ def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iter
         acted, shown = stated == "on", group.odds[stated] >= CERTAIN
         against = group.odds["off" if acted else "on"]
         if shown and (alone := apart(group, acted=acted, least=CERTAIN)):
-            yield finding(
-                "warning",
-                message("compensation-contradicted.one", names=alone, each=each, stated=stated),
-            )
+            yield warning("compensation-contradicted.one", names=alone, each=each, stated=stated)
         elif against > DOUBTED or not shown or apart(group, acted=acted, least=DOUBTED):
             text = message(
                 _key(against),

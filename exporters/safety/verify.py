@@ -14,7 +14,7 @@ import numpy as np
 
 from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.messages import message
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.interval import Predicted
@@ -345,7 +345,7 @@ def worse_findings(
         if with_old < before:
             before, then = with_old, message("with-old-tables")
     if after > before * CLEARLY + ROUNDING_UM:
-        yield finding("error", message("worse-after", after_um=after, then=then, before_um=before))
+        yield error("worse-after", after_um=after, then=then, before_um=before)
 
 
 def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
@@ -356,23 +356,20 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
     if not prediction.clearly_worse:
         beside = effect.before_um - error_field_um(result, effect.points_mm)
         for one in harmed(result, effect.points_mm, effect.after_um - effect.before_um, beside):
-            yield finding(
-                "warning",
-                message(
-                    "stretch-worse",
-                    axis=one.axis,
-                    low=one.low_mm,
-                    high_mm=one.high_mm,
-                    after=one.after.words(),
-                    before=one.before.words(),
-                ),
+            yield warning(
+                "stretch-worse",
+                axis=one.axis,
+                low=one.low_mm,
+                high_mm=one.high_mm,
+                after=one.after.words(),
+                before=one.before.words(),
             )
     names = sorted(
         {*coarse_functions(result.errors), *hiding_functions(result.errors)},
         key=DISPLACEMENTS.index,
     )
     if names:
-        yield finding("warning", message("increments-coarse.verify", names=names))
+        yield warning("increments-coarse.verify", names=names)
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:

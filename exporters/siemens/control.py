@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
@@ -454,7 +454,7 @@ def _possible(products: Sequence[Product]) -> Iterator[Finding]:
     """Report the possible effect of products if the profile excludes them."""
     worth = float(np.sqrt(sum(product.rms_um**2 for product in products)))
     if worth >= _WORTH_SAYING_UM:
-        yield finding("info", message("products-possible", worth_um=worth))
+        yield info("products-possible", worth_um=worth)
 
 
 def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding]:
@@ -463,15 +463,10 @@ def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding
             message("product-rms", name=product.name, rms_um=product.rms_um)
             for product in budget.products
         ]
-        yield finding("info", message("products-possible.written", held=held))
+        yield info("products-possible.written", held=held)
     if budget.left_out:
-        yield finding(
-            "info",
-            message(
-                "function-left-out.tables",
-                held=str(options.cec_tables_held),
-                left_out=budget.left_out,
-            ),
+        yield info(
+            "function-left-out.tables", held=str(options.cec_tables_held), left_out=budget.left_out
         )
 
 
@@ -507,9 +502,9 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
         KIND: options.cec_points is not None,
     }
     if any(not sized[table.kind] for table in tables):
-        yield finding("info", message("surplus-points-unknown"))
+        yield info("surplus-points-unknown")
     if any(table.kind == cec.KIND for table in tables):
-        yield finding("info", message("sign-untested.cec", cec_sense=options.cec_sense))
+        yield info("sign-untested.cec", cec_sense=options.cec_sense)
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:

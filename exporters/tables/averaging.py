@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import msgspec
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.tables.curves import Curve
@@ -24,7 +24,7 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
     """
     for curve in curves:
         if is_directional(curve, profile):
-            yield finding("warning", message("direction-averaged.written", name=curve.name))
+            yield warning("direction-averaged.written", name=curve.name)
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
@@ -36,7 +36,7 @@ def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Findi
         if curve.name not in POSITIONING
     ]
     if left:
-        yield finding("info", message("function-left-out.no-table", control=control, left=left))
+        yield info("function-left-out.no-table", control=control, left=left)
 
 
 def _straightness_um(curve: Curve) -> float:

@@ -4,12 +4,22 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from stepdiag.base.messages import Message, Place, Way, Words, at, message_json, rendered
+from stepdiag.base.messages import (
+    Argument,
+    Message,
+    Place,
+    Way,
+    Words,
+    at,
+    message_json,
+    message_with,
+    rendered,
+)
 from stepdiag.texts.explained import Action, Severity, accepted, finding_action
 from stepdiag.texts.patterns import findings as finding_keys
 from stepdiag.texts.texts import Language
 
-__all__ = ["Finding", "Severity", "finding", "in_words"]
+__all__ = ["Finding", "Severity", "error", "finding", "in_words", "info", "warning"]
 
 NOWHERE = Place()
 PROOF = "proof"
@@ -141,3 +151,18 @@ def finding(
         size_um=size_um,
         among=among,
     )
+
+
+def error(key: str, /, **arguments: Argument) -> Finding:
+    """Return an error about the whole: the finding of `message` with this key and arguments."""
+    return finding("error", message_with(key, arguments))
+
+
+def warning(key: str, /, **arguments: Argument) -> Finding:
+    """Return a warning about the whole: the finding of `message` with this key and arguments."""
+    return finding("warning", message_with(key, arguments))
+
+
+def info(key: str, /, **arguments: Argument) -> Finding:
+    """Return a remark about the whole: the finding of `message` with this key and arguments."""
+    return finding("info", message_with(key, arguments))

@@ -84,10 +84,11 @@ class Place:
 def message(key: str, /, **arguments: Argument) -> Message:
     """Return a message. Raises KeyError for a key that the catalogue does not have, TypeError for
     arguments of other names or types."""
-    return _checked(key, arguments)
+    return message_with(key, arguments)
 
 
-def _checked(key: str, arguments: Mapping[str, Argument]) -> Message:
+def message_with(key: str, arguments: Mapping[str, Argument]) -> Message:
+    """Return a message of arguments by their names. Raises as `message` does."""
     wanted = slots(key)
     if arguments.keys() != wanted.keys():
         raise TypeError(
@@ -244,7 +245,9 @@ def message_of(tree: object) -> Message | None:
 
 def _message_of(tree: Any) -> Message:
     arguments: Mapping[str, Any] = tree["arguments"]
-    return _checked(tree["key"], {name: _argument_of(value) for name, value in arguments.items()})
+    return message_with(
+        tree["key"], {name: _argument_of(value) for name, value in arguments.items()}
+    )
 
 
 def _argument_of(value: Any) -> Any:

@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import POSITIONING, Result
 from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
@@ -68,7 +67,7 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
     for table in old:
         function, held_um = result.errors.get(table.name), float(np.ptp(table.value_um))
         if held_um > NOTHING_UM and (function is None or function.value is None):
-            yield finding("error", message("old-table-lost.lattice", name=table.name, um=held_um))
+            yield error("old-table-lost.lattice", name=table.name, um=held_um)
         elif table.name in POSITIONING and function and not function.slope_identified:
             yield from _slope_lost(table.name, _rise_um(table))
     folded = {table.name: table for table in _folded(old)}
@@ -94,7 +93,7 @@ def _rise_um(table: Table) -> float:
 
 def _slope_lost(name: str, rise_um: float) -> Iterator[Finding]:
     if abs(rise_um) > NOTHING_UM:
-        yield finding("warning", message("old-table-lost.slope", name=name, um=rise_um))
+        yield warning("old-table-lost.slope", name=name, um=rise_um)
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
