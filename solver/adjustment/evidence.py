@@ -58,7 +58,7 @@ STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "exchanged names",
 )
 PRIOR = {
-    SCALE: 0.1,
+    SCALE: 0.2,
     PRODUCT: 0.1,
     GROWN: 0.5,
     STOP: 0.3,
@@ -68,9 +68,11 @@ PRIOR = {
     EXCHANGED: 0.01,
 }
 """Prior probability that a survey has an explanation of a kind: every second survey begins on a
-cold machine; a wavelength, an air or a target of its own for a setup is rarer, and so is a machine
-with products as large as its functions; shops repeat a pass in one survey of three; of the files of
-a head one in ten has the other sign, and in one survey of a hundred two names are exchanged.
+cold machine, one in five has a setup with a wavelength, an air or a target of its own; machines
+with products as large as their functions are rarer; shops repeat a pass in one survey of three; of
+the files of a head one in ten has the other sign, and in one survey of a hundred two names are
+exchanged. Of 120 surveys with a setup 0 to 40 um/m off, 17 left more than was promised with 0.1 for
+a scale, 10 with 0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
 """
 GROWING = 4.0 ** np.arange(12)
 """Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the
