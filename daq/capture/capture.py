@@ -196,6 +196,8 @@ class Capture:
     def finish(self) -> list[Outcome]:
         """Return what the dwells still waiting for samples give: the log has ended."""
         outcomes: list[Outcome] = []
+        for dwell in self._by_laser.finish() if self._by_laser is not None else ():
+            self._pending.add(dwell)
         while self._pending:
             self._pending.settled(FAR_NS, None, self._mover(self._pending.first().signals))
             self._take_dwell(self._pending.take(), outcomes)
