@@ -1,22 +1,29 @@
 """``python -m benchmarks.shops [--shops N] [--first K] [--cause WORDS]``: surveys with one wrong
-statement, counted.
+statement, counted; with ``--clean`` surveys at which nothing is wrong.
 
 Each shop (`testkit.exact.shops`) is a drawn machine with a cause: what the survey file states and
 is not so. It is recorded, solved and exported in seconds of virtual time. Counted are: surveys
 whose files are right; causes that are named by the line of the survey file to change, and after how
 many stops; findings of a shop; wrong tables that would reach the control; and dead ends: neither
 right nor named.
+
+``--clean`` draws shops without a cause: quiet ones, ones with turbulent air before an instrument of
+50 samples a second, and ones whose machine has scales up to 200 um/m. Counted are surveys with a
+doubt, and wrong tables.
 """
 
 import argparse
 import statistics
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 SHOPS = 108
+LOUD_ANYWAY = frozenset({"signals-absent", "no-signals"})
+"""Findings of the survey file alone."""
 LEFT = 0.5
 """A survey is right where its files leave less than this share of the volume's error, and wrong
 where they leave more."""
@@ -97,6 +104,37 @@ def counted(seeds: Sequence[int], cause: str = "") -> dict[str, Count]:
     return table
 
 
+def print_clean(seeds: Sequence[int], cause: str = "") -> None:
+    """Print for each kind of clean surveys which have a doubt, and which give wrong files."""
+    from testkit.exact.shops import CLEAN, draw_clean, surveyed
+
+    print("| clean surveys | number | doubtful | codes | wrong files |")
+    print("|---|---|---|---|---|")
+    for kind in [kind for kind in CLEAN if cause in kind]:
+        count, codes = Count(), Counter[str]()
+        doubtful = []
+        for seed in seeds:
+            with tempfile.TemporaryDirectory() as name:
+                found = surveyed(draw_clean(seed, kind), Path(name))
+            judge(found, count)
+            doubts = [
+                each.code
+                for each in found.findings
+                if each.severity != "info" and each.code not in LOUD_ANYWAY
+            ]
+            files = found.files
+            if files is None or files.after_um is None:
+                doubts += sorted(files.codes - LOUD_ANYWAY) if files is not None else ["open"]
+                doubts = doubts or ["no files"]
+            codes.update(set(doubts))
+            doubtful += [seed] if doubts else []
+        print(
+            f"| {kind} | {count.shops} | {len(doubtful)} {doubtful or ''} | {dict(codes)} "
+            f"| {count.wrong} |",
+            flush=True,
+        )
+
+
 def print_table(table: dict[str, Count]) -> None:
     """Print the counts."""
     print(
@@ -132,8 +170,13 @@ def main() -> None:
         "--first", type=int, default=0, help="number of the first shop: others are other shops"
     )
     parser.add_argument("--cause", default="", help="only causes that contain this")
+    parser.add_argument("--clean", action="store_true", help="surveys at which nothing is wrong")
     options = parser.parse_args()
-    print_table(counted(range(options.first, options.first + options.shops), options.cause))
+    seeds = range(options.first, options.first + options.shops)
+    if options.clean:
+        print_clean(seeds, options.cause)
+    else:
+        print_table(counted(seeds, options.cause))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 The machine sends no stop number. So the first stops of a pass are sure by the steps between them,
 and a lost count ends the pass: the machine's place is then unknown. Every named stop is handed on
-as a dwell at its planned position, and judged like any other. An instrument whose marker input
+as a dwell at its planned position, and judged like any other. A pass that seems to begin after its
+first stop may be another order of the axes: its last stop is handed on with the next standstill, or
+with the end of the count. An instrument whose marker input
 receives the machine's stop relay (quDIS) reports and counts the standstills itself.
 """
 
@@ -75,6 +77,9 @@ class ByLaser:
         self._reported: set[str] = set()
         self._lost_ns: int | None = None
         self._over_with = False
+        self._held: list[tuple[int, _Stand]] = []
+        """The last stop of a pass that seems to begin after its first stop."""
+        self._other_order = False
         self.seen: list[tuple[float, float]] = []
         """Every standstill so far, placed or not: when it ended (ns), and its level in mm."""
         hint = start.hints[self.setup]
@@ -111,11 +116,18 @@ class ByLaser:
         for over in self._over(lost=lost):
             self.seen.append((over.to_ns, over.level_mm))
             dwells += [self._dwell(stop, stand) for stop, stand in self._name(over, outcomes)]
-        if lost and self._taken and self._chain.best.stop < len(self._routes[0]) - 1:
+        dwells += self.finish() if lost else []
+        begun = self._taken and self._chain.best.stop < len(self._routes[0]) - 1
+        if lost and (begun or self._other_order):
             self._lost_ns = now_ns
         elif lost:
             self._chain, self._stands, self._taken, self._turns = self._begun({}), [], 0, False
         return dwells, outcomes
+
+    def finish(self) -> list[Dwell]:
+        """Return the last stop that waits for the next standstill: none follows in this count."""
+        held, self._held = self._held, []
+        return [self._dwell(stop, stand) for stop, stand in held]
 
     def _lost(self) -> bool:
         """Return whether the count was lost since this was asked for the last time."""
@@ -150,6 +162,8 @@ class ByLaser:
 
     def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
         """Return the stops that a standstill makes sure, with the standstill of each."""
+        if self._held or self._other_order:
+            return self._after_last(stand)
         self._stands.append(stand)
         before = self._chain.best
         path = self._chain.take(Look(count=stand.count, reading_mm=stand.level_mm))
@@ -167,7 +181,23 @@ class ByLaser:
             if stop is not None and stop != last and not self._is_of_pass_before(stop, each)
         ]
         taken, self._taken = self._taken, len(stops)
-        return stops[taken:]
+        sure = stops[taken:]
+        late = not self._turns and bool(stops) and stops[0][0] > 0
+        if late and sure and sure[-1][0] == len(self._routes[0]) - 1:
+            self._held = [sure.pop()]
+        return sure
+
+    def _after_last(self, stand: _Stand) -> list[tuple[int, _Stand]]:
+        """Return the last stop of a pass that began after its first stop; nothing where the machine
+        goes on by a step of the plan, in another order of the axes."""
+        held, self._held = self._held, []
+        steps_mm = np.diff(self._routes[self._chain.best.way].nominal_mm)
+        self._other_order = self._other_order or any(
+            agrees(stand.level_mm - last.level_mm, step_mm)
+            for _, last in held
+            for step_mm in steps_mm
+        )
+        return [] if self._other_order else held
 
     def _is_of_pass_before(self, stop: int, stand: _Stand) -> bool:
         """Return whether the machine has not moved since the last stop of the pass before."""

@@ -24,7 +24,7 @@ from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, remarked
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.capture.standing.certain_window import (
-    certain_window,
+    Taken,
     certain_windows,
     last_beyond_ns,
     unbroken_parts,
@@ -83,6 +83,8 @@ class Capture:
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
         self._cause = CauseFinder(survey, start.hints, named=start.named)
         self._dwell_before: Dwell | None = None
+        self._asked = (0, 0, 0, 0)
+        self._answered: list[Taken] = []
         self._sensed = is_sensed(survey)
         self._handshake = survey.plc.handshake.enabled
         self._late_ns = int(survey.plc.latency_s * 1e9)
@@ -196,6 +198,8 @@ class Capture:
     def finish(self) -> list[Outcome]:
         """Return what the dwells still waiting for samples give: the log has ended."""
         outcomes: list[Outcome] = []
+        for dwell in self._by_laser.finish() if self._by_laser is not None else ():
+            self._pending.add(dwell)
         while self._pending:
             self._pending.settled(FAR_NS, None, self._mover(self._pending.first().signals))
             self._take_dwell(self._pending.take(), outcomes)
@@ -360,8 +364,8 @@ class Capture:
             certain_s < LAG_S and not self._at_expected(dwell.signals)
         ):
             return
-        taken = certain_window(placing, unbroken, rules)
-        if taken is not None and (not taken.doubts or certain_s > PATIENCE * rules.min_window_s):
+        taken = [each for each in self._windows(known, placing) if each.from_ns >= unbroken.from_ns]
+        if taken and (not taken[-1].doubts or certain_s > PATIENCE * rules.min_window_s):
             self._taken_from_ns = dwell.from_ns
             self._pending.taken_early(known)
             self._take_dwell(known, outcomes)
@@ -415,11 +419,13 @@ class Capture:
         )
         judged = self._conditions.judge(felt, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
         taken: list[Outcome] = []
+        placing = self._placing(dwell.signals)
         self._taker.take(
             found,
             self._finder.turn,
             replace(dwell, signals=judged.signals),
-            self._placing(dwell.signals),
+            placing,
+            self._windows(dwell, placing),
             taken,
         )
         outcomes.extend(remarked(found, taken, judged, self._alarm))
@@ -433,7 +439,7 @@ class Capture:
         if self.head is not None and self._finder.is_head_run(dwell.signals):
             outcomes.extend(self._cause.leave())
             return
-        walk, taken = self.walk, certain_windows(self.laser, dwell, self._survey.stop)
+        walk, taken = self.walk, self._windows(dwell, self.laser)
         until_ns = taken[0].to_ns if taken else dwell.to_ns
         moves = (
             moves_between(self.laser, self._dwell_before, dwell)
@@ -461,8 +467,19 @@ class Capture:
     def _reading_mm(self, dwell: Dwell) -> float | None:
         """Return what the laser reads at the first dwell; None where nothing, or where its count
         does not reach back to the log before."""
-        taken = certain_windows(self.laser, dwell, self._survey.stop)
+        taken = self._windows(dwell, self.laser)
         return taken[0].window.mean_mm if taken and self._taker.reaches_back(taken, dwell) else None
+
+    def _windows(self, dwell: Dwell, placing: Placing) -> list[Taken]:
+        """Return the windows of a dwell. The finder, the cause and the stop ask in turn for those
+        of the laser, which change with its samples alone."""
+        if placing is not self.laser:
+            return certain_windows(placing, dwell, self._survey.stop)
+        asked = dwell.from_ns, dwell.to_ns, self.laser.samples, len(self.laser.breaks)
+        if self._asked != asked:
+            self._asked = asked
+            self._answered = certain_windows(self.laser, dwell, self._survey.stop)
+        return self._answered
 
     def _mover(self, signals: Signals) -> Placing | None:
         """Return the stream that shows whether the machine moves; None in a run of the 4-DOF head,

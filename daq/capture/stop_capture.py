@@ -15,14 +15,14 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked, remarks_of
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.naming.route import Route, agrees
+from stepdiag.daq.capture.naming.route import PLACED_MM, Route, agrees
 from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.certain_window import (
+    PassNoise,
     Taken,
     came_along,
-    certain_windows,
     last_beyond_ns,
     take,
     watched_closely,
@@ -40,9 +40,6 @@ from stepdiag.daq.records.events import Link
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 
-ROUNDED_MM = 0.1
-"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91
-that adds up to 0.1 mm over twenty increments: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
 """Factor by which a difference must exceed the difference reported of the pass before to be
 reported again.
@@ -81,6 +78,7 @@ class StopTaker:
         """Axes that have not moved since the machine came to a stop from the other side."""
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
+        self._noise = PassNoise()
         self._named: list[tuple[Dwell, list[Taken], int | None]] = []
         """The standstills of the present count with their names."""
 
@@ -90,15 +88,16 @@ class StopTaker:
         turn: CapturedStop | None,
         dwell: Dwell,
         placing: Placing,
+        windows: Sequence[Taken],
         outcomes: list[Outcome],
     ) -> None:
-        """Take the stop of a dwell, and the stops before it that Modbus missed. ``turn`` is the
-        last stop of the pass before.
+        """Take the stop of a dwell with its windows, and the stops before it that Modbus missed.
+        ``turn`` is the last stop of the pass before.
         """
         by_laser = dwell.signals.commanded_mm is None and placing is self._laser
         if not by_laser and walk.is_bounce(dwell.signals):
             return
-        taken = certain_windows(placing, dwell, self._rules)
+        taken = [self._noise.take(each, self._rules) for each in windows]
         lost = not self.reaches_back(taken, dwell)
         seen = [each.window.mean_mm for each in taken] if placing is self._laser else []
         after_mm = seen[-1] if len(seen) > 1 else None
@@ -428,7 +427,7 @@ class PositionCheck:
         words = message(
             "position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um
         )
-        severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"
+        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
         return [walk.finding(severity, stop, words)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:

@@ -4,10 +4,13 @@ not so, or a machine that is so long.
 Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
 a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
 Compared are the likelihoods of the scales as found, and less the effect of each statement, with the
-odds against a wrong statement as prior.
+odds against a wrong statement as prior. Scales alone cannot separate a statement from a machine
+where both fit alike: both are then named, with the reading of the laser that separates them.
 """
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +20,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.base.result.result import Result
 from stepdiag.daq.capture.cause.hypotheses import laser_change
-from stepdiag.daq.capture.cause.likelihood import CAUSE
+from stepdiag.daq.capture.cause.likelihood import CAUSE, Change
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
@@ -26,12 +29,14 @@ where that is taken out; and of what each has of its own."""
 HENE_NM = 632.991
 LEAST_UM_M = 100.0
 """A smaller effect is like a machine's own."""
+ALIKE = 3.0
+"""Logarithm of the odds against a statement from which on the machine is so long: one in twenty."""
 
 
 def one_scale(survey: Survey, result: Result) -> list[Finding]:
-    """Return the error that names a statement on air or wavelength that makes all scales alike;
-    nothing if none does, or a single axis is measured. The error stands at the first linear run,
-    the place for its acceptance.
+    """Return the error that names a statement on air, wavelength or expansion that makes all scales
+    alike, or may; nothing if none does, or a single axis is measured. The error stands at the first
+    linear run, the place for its acceptance.
     """
     scales = {axis: scale for axis, scale in result.scale.items() if scale.value is not None}
     if len(scales) < 2:
@@ -45,34 +50,44 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
     weight = np.linalg.inv(covariance)
     plain = float(value @ weight @ value)
     gains = [
-        (
-            0.5 * (plain - float((value - effect) @ weight @ (value - effect))) - CAUSE,
-            effect,
-            what,
-            line,
-        )
-        for effect, what, line in _statements(survey, result)
-        if abs(effect) > LEAST_UM_M
+        (0.5 * (plain - float((value - effect) @ weight @ (value - effect))) - CAUSE, statement)
+        for statement in _statements(survey, result)
+        if abs(effect := statement.effect_um_m) > LEAST_UM_M
     ]
-    gain, effect, what, (line, to) = max(
-        gains, key=lambda each: each[0], default=(0.0, 0.0, "", ("", ""))
-    )
-    if gain <= 0.0:
+    gain, likeliest = max(gains, key=lambda each: each[0], default=(-math.inf, None))
+    if likeliest is None or gain <= -ALIKE:
         return []
     shown = [f"{axis} {number:+.0f}" for axis, number in zip(scales, value.tolist(), strict=True)]
     run = next(
         (name for name in survey.plan.all_setups if name.startswith("linear")),
         survey.plan.all_setups[0],
     )
+    line, to = likeliest.change
     words = message(
-        "step-mismatch.scales", scales=shown, what=what, effect_um_m=effect, line=line, value=to
+        "step-mismatch.scales",
+        scales=shown,
+        what=likeliest.what,
+        effect_um_m=likeliest.effect_um_m,
+        reading=likeliest.reading,
+        line=line,
+        value=to,
     )
     return [finding("error", words, Place(setup=run, pass_number=1))]
 
 
-def _statements(survey: Survey, result: Result) -> Iterator[tuple[float, Message, tuple[str, str]]]:
-    """Yield by how much each wrong statement lengthens all axes, in µm/m, and the line to change
-    with its new value."""
+@dataclass(frozen=True, slots=True)
+class _Statement:
+    """A statement that may be wrong: by how much it then lengthens all axes in µm/m, the line to
+    change with its new value, and the reading that shows whether it is wrong."""
+
+    effect_um_m: float
+    what: Message
+    reading: Message
+    change: Change
+
+
+def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:
+    """Yield every statement that lengthens all axes alike where it is wrong."""
     laser, stated = survey.laser, survey.environment
     air = Air(
         temperature_c=np.array(stated.air_temperature_c),
@@ -80,26 +95,26 @@ def _statements(survey: Survey, result: Result) -> Iterator[tuple[float, Message
         humidity_percent=np.array(stated.relative_humidity_percent),
     )
     index = float(refractive_index(air, HENE_NM)) - 1
-    if laser.compensated:
-        yield 1e6 * index, message("cause-air-never"), ("laser.compensated", "false")
-    else:
-        yield -1e6 * index, message("cause-air-twice"), ("laser.compensated", "true")
+    yield _Statement(
+        1e6 * index if laser.compensated else -1e6 * index,
+        message("cause-air-never") if laser.compensated else message("cause-air-twice"),
+        message("reading-air"),
+        ("laser.compensated", "false" if laser.compensated else "true"),
+    )
     factor = laser.wavelength_nm / HENE_NM
-    yield (
-        1e6 * (factor - 1) if abs(factor - 1) < 2e-3 else 0.0,
-        message("cause-wavelength-in-air"),
-        laser_change(survey, factor),
-    )
-    warm_c = (
-        result.lengths.material_c
-        if result.lengths is not None and survey.machine.apply_expansion
-        else None
-    )
-    if warm_c is not None:
-        twice = -float(
-            np.mean(
-                np.array(survey.machine.expansion_um_m_c)
-                * (np.array(warm_c) - REFERENCE_TEMPERATURE_C)
-            )
+    if abs(factor - 1) < 2e-3:
+        yield _Statement(
+            1e6 * (factor - 1),
+            message("cause-wavelength-in-air"),
+            message("reading-wavelength"),
+            laser_change(survey, factor),
         )
-        yield twice, message("cause-expansion-twice"), ("machine.apply_expansion", "false")
+    material_c = result.lengths.material_c if result.lengths is not None else None
+    if material_c is not None and survey.machine.apply_expansion:
+        warmer_c = np.array(material_c) - REFERENCE_TEMPERATURE_C
+        yield _Statement(
+            -float(np.mean(np.array(survey.machine.expansion_um_m_c) * warmer_c)),
+            message("cause-expansion-twice"),
+            message("reading-expansion"),
+            ("machine.apply_expansion", "false"),
+        )

@@ -25,13 +25,13 @@ has the planned position x_i and the nominal reading n_i. A cause changes exactl
     nothing tells apart, because two axes
                  make the same step, are one hypothesis with two values
 
-Likelihood. Every coordinate scatters by `BESIDE_MM` about its hypothesis, or is an outlier with
+Likelihood. Every coordinate scatters by `PLACED_MM` about its hypothesis, or is an outlier with
 probability `OUTLIER`, spread over `RANGE_MM`; every step of the laser likewise, by the noise of a
 step in the chain (`naming.walk.noise_mm`). A free number fitted to the standstills (an offset, a
-length) costs ln(RANGE_MM / BESIDE_MM), the price of its search (Occam's factor, MacKay 2003,
+length) costs ln(RANGE_MM / PLACED_MM), the price of its search (Occam's factor, MacKay 2003,
 chapter 28); a cause costs `CAUSE`, the prior odds against a wrong statement. "The file is right"
 costs nothing; each standstill that is not the next stop (a feed hold, a stop driven twice or not
-seen) costs `SINGLE`, over the best path of stops: a single odd standstill is no cause over a whole
+seen) costs `FAILURE`, over the best path of stops: a single odd standstill is no cause over a whole
 pass, two or three explained by a common line are.
 
 Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a

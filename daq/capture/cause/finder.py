@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -9,12 +10,12 @@ import numpy as np
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.daq.capture.cause.hypotheses import Library
-from stepdiag.daq.capture.cause.likelihood import SURE, Cause, Evidence, Stand
+from stepdiag.daq.capture.cause.likelihood import CONFIRMED, SURE, Cause, Evidence, Stand
 from stepdiag.daq.capture.log_start import PassHint
 from stepdiag.daq.capture.naming.route import Route, agrees
 from stepdiag.daq.survey.models import Survey
 
-FIRST, LAST = 3, 8
+FIRST, LAST = CONFIRMED + 1, 8
 
 HELD = frozenset(
     [
@@ -196,11 +197,12 @@ class CauseFinder:
     def _scored(self, setup: str | None) -> Iterator[tuple[float, Cause]]:
         """Yield every hypothesis with the logarithm of its likelihood and prior."""
         library = Library(self.survey, self.hints, self.evidence)
+        in_time = cache(self.evidence.in_time)  # most causes have the same delay
         for plain in library.plain(setup):
-            yield self.evidence.as_stated(plain.route) + self.evidence.in_time(plain), plain
+            yield self.evidence.as_stated(plain.route) + in_time(plain.late_s), plain
         for cause in library.hypotheses(setup):
             if len(self.evidence) <= len(cause.route):
-                yield self.evidence.fit(cause), cause
+                yield self.evidence.fit(cause) + in_time(cause.late_s), cause
 
     def _finding(self, cause: Cause) -> Finding:
         (line, value), *others = cause.changes

@@ -11,6 +11,7 @@ from stepdiag.base.names import AXES, SETUP_NUMBERS
 from stepdiag.base.readings.runs import Plan, order_of
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.cause.likelihood import (
+    ALIKE_SIGMAS,
     CONFIRMED,
     EDGE_S,
     LEAST_LATE_S,
@@ -21,8 +22,7 @@ from stepdiag.daq.capture.cause.likelihood import (
     Move,
 )
 from stepdiag.daq.capture.log_start import PassHint
-from stepdiag.daq.capture.naming.route import Route, route_of
-from stepdiag.daq.capture.naming.walk import BESIDE_MM
+from stepdiag.daq.capture.naming.route import PLACED_MM, Route, route_of
 from stepdiag.daq.survey.models import Survey
 
 FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 2.0, 0.5)
@@ -125,7 +125,7 @@ class Library:
             late_s(move)
             for each in self.evidence.stands
             for move in each.moves
-            if abs(off_s(move)) < 4 * move.u_s and abs(late_s(move)) > LEAST_LATE_S
+            if abs(off_s(move)) < ALIKE_SIGMAS * move.u_s and abs(late_s(move)) > LEAST_LATE_S
         )
         groups: list[list[float]] = []
         for value in seen:
@@ -186,7 +186,7 @@ class Library:
             if shown is not None
             else 0.0
         )
-        if shown is not None and moved > BESIDE_MM:
+        if shown is not None and moved > PLACED_MM:
             lengths = [
                 moved * increments,
                 float(np.max(np.abs(shown[:, axis] - self.survey.volume.origin_mm[axis]))),
@@ -195,7 +195,7 @@ class Library:
         # moves
         else:
             lengths = [self._length_by_laser(setup, axis, steps)]
-        return [round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > BESIDE_MM]
+        return [round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > PLACED_MM]
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
         """Return the length of one axis at which the steps fit best, in mm: on a grid, then between
@@ -252,14 +252,14 @@ class Library:
         for axes in permutations(range(3)):
             if axes != (0, 1, 2):
                 yield self._permuted(route, axes)
-        if np.ptp(shown, axis=0).max() <= BESIDE_MM:
+        if np.ptp(shown, axis=0).max() <= PLACED_MM:
             lines = tuple((f"plc.signals.{axis}_mm", "") for axis in AXES)
             yield Cause(
                 route,
                 factors=(0.0, 0.0, 0.0),
                 shifts_mm=tuple(first.tolist()),
                 kind="standing",
-                free=0 if np.abs(first).max() <= BESIDE_MM else 3,
+                free=0 if np.abs(first).max() <= PLACED_MM else 3,
                 what=message("cause-not-commanded"),
                 changes=lines,
             )
@@ -284,7 +284,7 @@ class Library:
             name = f"plc.signals.{AXES[axis]}_mm"
             if k[axis] != 1.0:
                 changes.append((f"{name}.scale", f"{spec.scale / k[axis]:.9g}"))
-            if abs(c[axis]) > BESIDE_MM:
+            if abs(c[axis]) > PLACED_MM:
                 changes.append(
                     (f"{name}.offset", f"{round((spec.offset - c[axis]) / k[axis], 4):.9g}")
                 )

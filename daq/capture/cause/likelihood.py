@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message
-from stepdiag.daq.capture.naming.route import Route, agrees
-from stepdiag.daq.capture.naming.walk import BESIDE_MM, RANGE_MM, log_normal, noise_mm
+from stepdiag.daq.capture.naming.route import PLACED_MM, Route, agrees
+from stepdiag.daq.capture.naming.walk import FAILURE, RANGE_MM, log_normal, noise_mm
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
@@ -19,16 +19,18 @@ from stepdiag.daq.timing.stream import StreamBuffer
 OUTLIER = 1e-3
 CAUSE, SURE = 6.0, 7.0
 """A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
-SINGLE = 8.0
-"""A standstill in three thousand is a feed hold, a stop driven twice or an unseen stop."""
-MOVES = {1: 0.0, 0: SINGLE, 2: SINGLE, 3: SINGLE}
+MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
 CONFIRMED = 2
-FREE = math.log(RANGE_MM / BESIDE_MM)
+ALIKE_SIGMAS = 4.0
+"""Positions and times further from a hypothesis are not its own."""
+APART_MM = ALIKE_SIGMAS * PLACED_MM
+FREE = math.log(RANGE_MM / PLACED_MM)
 ON_TIME = (0.0, 0.0)
-EDGE_S, RANGE_S, PLATEAU_S = 0.03, 2.0, 0.1
+EDGE_S, PLATEAU_S = 0.03, 0.1
 """An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
 LEAST_MOVE_MM = 1.0
 LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
+RANGE_S = 2 * MOST_LATE_S
 Matrix = NDArray[np.float64]
 Change = tuple[str, str]
 """A line of the survey file as a dotted name, and its new value."""
@@ -53,6 +55,11 @@ class Move:
         than the signals."""
         off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
+
+    def is_at(self, late_s: tuple[float, float]) -> bool:
+        """Return whether both times are those of a laser so much later than the signals."""
+        off_s = max(abs(self.left_s - late_s[0]), abs(self.came_s - late_s[1]))
+        return off_s < ALIKE_SIGMAS * self.u_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +146,7 @@ class Cause:
         """Return the first stop after so many at which another hypothesis shows another position or
         step; None where none does."""
         count = min(len(self.route), len(other.route))
-        apart = np.any(np.abs(self.shown_mm(count) - other.shown_mm(count)) > 4 * BESIDE_MM, axis=1)
+        apart = np.any(np.abs(self.shown_mm(count) - other.shown_mm(count)) > APART_MM, axis=1)
         apart[1:] |= ~_agrees(self.steps_mm(count), other.steps_mm(count))
         later = np.flatnonzero(apart[stops:])
         return stops + int(later[0]) if len(later) else None
@@ -177,15 +184,16 @@ class Evidence:
         return None if None in places else np.array(places, dtype=np.float64)
 
     def fit(self, cause: Cause) -> float:
-        """Return the logarithm of the likelihood of a hypothesis and of its prior."""
+        """Return the logarithm of the likelihood of a hypothesis and of its prior, without the
+        edges of its moves."""
         count, shown = len(self), self.shown_mm()
         wanted, steps = cause.steps_mm(count), self.steps_mm(cause.late_s)
-        score = self.in_time(cause) - CAUSE * bool(cause.changes) - FREE * cause.free
+        score = -CAUSE * bool(cause.changes) - FREE * cause.free
         score += float(np.nansum(_log_likelihood(steps - wanted, noise_mm(wanted))))
         if shown is not None:
             score += float(
                 np.sum(
-                    _log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, BESIDE_MM))
+                    _log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, PLACED_MM))
                 )
             )
         return score
@@ -194,14 +202,14 @@ class Evidence:
         """Return the best logarithm of the likelihood of the unchanged file, over the errors of a
         pass at single stops.
 
-        A standstill is the next stop, or for `SINGLE` each the same stop again, a stop one or two
+        A standstill is the next stop, or for `FAILURE` each the same stop again, a stop one or two
         further on, or no stop at all: then it lies anywhere on the way. Its step counts from the
         last standstill that is a stop.
         """
         shown = self.shown_mm()
         usual_mm = noise_mm(np.median(np.abs(np.diff(route.nominal_mm)), keepdims=True))
         alike = float(_log_likelihood(np.zeros(1), usual_mm)[0])
-        placed = 3 * float(_log_likelihood(np.zeros(1), np.array([BESIDE_MM]))[0])
+        placed = 3 * float(_log_likelihood(np.zeros(1), np.array([PLACED_MM]))[0])
         paths: dict[tuple[int, int], float] = {(-1, -1): 0.0}
         for number, stand in enumerate(self.stands):
             following: dict[tuple[int, int], float] = {}
@@ -214,7 +222,7 @@ class Evidence:
                 following[key] = max(following.get(key, -math.inf), score)
 
             for (stop, base), score in paths.items():
-                nowhere = score - SINGLE - math.log(RANGE_MM)
+                nowhere = score - FAILURE - math.log(RANGE_MM)
                 nowhere += 2 / 3 * placed + (alike if number else 0.0) if shown is not None else 0.0
                 reach((stop, base), nowhere)
                 for onward, cost in MOVES.items():
@@ -229,7 +237,7 @@ class Evidence:
                         found += float(
                             np.sum(
                                 _log_likelihood(
-                                    shown[number] - route.stops_mm[there], np.full(3, BESIDE_MM)
+                                    shown[number] - route.stops_mm[there], np.full(3, PLACED_MM)
                                 )
                             )
                         )
@@ -244,19 +252,17 @@ class Evidence:
             paths = following
         return max(paths.values())
 
-    def in_time(self, cause: Cause) -> float:
-        """Return the logarithm of the likelihood of the edges of the moves."""
-        return sum(
-            move.fits(cause.late_s)
-            for each in self.stands
-            if (move := each.move(cause.late_s)) is not None
-        )
+    def in_time(self, late_s: tuple[float, float]) -> float:
+        """Return the logarithm of the likelihood of the edges of the moves where the laser is so
+        much later than the signals."""
+        moves = [each.move(late_s) for each in self.stands]
+        return sum(move.fits(late_s) for move in moves if move is not None)
 
     def confirms(self, cause: Cause) -> bool:
         """Return whether the laser has confirmed enough steps, or enough moves in time, and no
         position contradicts."""
         shown = self.shown_mm()
-        if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > 4 * BESIDE_MM:
+        if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > APART_MM:
             return False
         if cause.late_s != ON_TIME:
             seen = [
@@ -264,10 +270,7 @@ class Evidence:
                 for each in self.stands
                 if (move := each.move(cause.late_s)) is not None
             ]
-            alike = [
-                abs(move.left_s - left) < 4 * move.u_s and abs(move.came_s - came) < 4 * move.u_s
-                for move, (left, came) in seen
-            ]
+            alike = [move.is_at(late_s) for move, late_s in seen]
             return sum(alike) >= CONFIRMED and self.agreeing(cause) >= CONFIRMED
         return self.agreeing(cause) >= CONFIRMED
 
@@ -281,7 +284,7 @@ class Evidence:
                 np.diff(route.nominal_mm[begin : begin + count]),
             )
             there = len(places) == count and (
-                shown is None or bool(np.abs(shown - places).max() <= 4 * BESIDE_MM)
+                shown is None or bool(np.abs(shown - places).max() <= APART_MM)
             )
             if there and bool(np.all(_agrees(steps, wanted))):
                 return begin

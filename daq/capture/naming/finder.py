@@ -49,7 +49,7 @@ class PassFinder:
         ``reading_mm`` is the laser's present reading, None if its count does not reach back to the
         stops of the log before.
         """
-        setup = self._setup_of(signals)
+        setup = self._setup_of(signals, reading_mm)
         if setup is None:
             return self._unplanned(signals)
         if self.walk is None:
@@ -68,10 +68,12 @@ class PassFinder:
         setup = self.walk.route.setup if self.walk else self._first_wanted()
         return setup is not None and setup_of(setup).is_fourdof
 
-    def _setup_of(self, signals: Signals) -> str | None:
+    def _setup_of(self, signals: Signals, reading_mm: float | None) -> str | None:
         hints = self._start.hints
         if signals.setup is None:
-            return self.walk.route.setup if self.walk else self._first_wanted()
+            if self.walk is not None:
+                return self.walk.route.setup
+            return self._returning(reading_mm) or self._first_wanted()
         meant = self._meant(signals.setup)
         named = [name for name in hints if name in meant]
         return next((name for name in named if hints[name].wanted), named[0] if named else None)
@@ -85,6 +87,15 @@ class PassFinder:
                 code, self._planned if code > CODED_FROM else self._start.hints
             )
         return self._setups[code]
+
+    def _returning(self, reading_mm: float | None) -> str | None:
+        """Return the setup on whose way back the machine is, wanted or not, by the laser's unbroken
+        count; None if unknown. Another setup begins with a cut beam."""
+        for name, hint in self._start.hints.items():
+            if hint.turn is not None and hint.turn.outward:
+                out = route_of(self._survey.planned, name, hint.numbers[0])
+                return name if stop_reading(out, hint.known, reading_mm) else None
+        return None
 
     def _first_wanted(self) -> str | None:
         return next((name for name, hint in self._start.hints.items() if hint.wanted), None)

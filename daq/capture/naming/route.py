@@ -20,9 +20,9 @@ from stepdiag.daq.capture.standing.dwell import STILL_MM
 STEP_TOLERANCE = 0.02
 """A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned
 mirror, a tenth of a wrong step."""
-LEAST_BESIDE_MM, BESIDE_MM = 0.1, 0.25
-"""A program of two decimals with G91 adds up 5 um an increment: 0.2 mm over forty. A tenth of a
-step leaves no doubt which stop it is."""
+PLACED_MM, MOST_BESIDE_MM = 0.1, 0.25
+"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um; with G91 that
+adds up to 0.1 mm over twenty increments, 0.2 mm over forty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +82,10 @@ class Route:
         return there
 
     def _beside_mm(self) -> float:
-        """Return how far beside the plan a stop may be: by `BESIDE_MM`, less where steps are
+        """Return how far beside the plan a stop may be: by `MOST_BESIDE_MM`, less where steps are
         short."""
         steps_mm = np.max(np.abs(np.diff(self.stops_mm, axis=0)), axis=1)
-        return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), LEAST_BESIDE_MM, BESIDE_MM))
+        return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), PLACED_MM, MOST_BESIDE_MM))
 
 
 @lru_cache(maxsize=256)

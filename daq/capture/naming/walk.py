@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stepdiag.base.findings import Finding, Severity, finding
 from stepdiag.base.messages import Message, Place, Way, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.naming.route import Route, judge_step
+from stepdiag.daq.capture.naming.route import PLACED_MM, Route, judge_step
 from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, STILL_MM, count_steps
 from stepdiag.daq.capture.standing.window import SIGMAS
 from stepdiag.daq.formats.signals import Signals
@@ -27,9 +27,8 @@ of a standstill before the first stop of a machine without signals; of a stop th
 no stop of the pass is."""
 SURE = 2.0
 """A name is sure if its path is more probable than every other name's by so much."""
-BESIDE_MM, SLIP_MM, RANGE_MM, STEP_SHARE = 0.1, 0.25, 1000.0, 0.005
-"""Noise: of a position; of a count that slipped; of a reading with no memory; of a step, as a share
-of it."""
+SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
+"""Noise: of a count that slipped; of a reading with no memory; of a step, as a share of it."""
 KEPT, WITHIN = 12, 25.0
 """Paths that are followed, and by how much the least probable of them may be behind."""
 COUNTER_TRUSTED = 1000
@@ -142,7 +141,7 @@ class Chain:
         fits = np.ones(len(route), dtype=bool)
         if look.position_mm is not None:
             score[~route.beside(look.position_mm)] = -math.inf
-            nowhere -= 3 * math.log(RANGE_MM / BESIDE_MM)
+            nowhere -= 3 * math.log(RANGE_MM / PLACED_MM)
         if look.reading_mm is not None and (path.known or not self._signalled):
             read, fits = _read(path.known, path.stop, route, look.reading_mm)
             score += read

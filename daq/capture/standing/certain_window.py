@@ -7,19 +7,23 @@ it moves.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM, Dwell
+from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import (
+    IN_A_ROW,
     LEAST_SAMPLES,
+    MAD_TO_SIGMA,
     RESOLUTION_FLOOR_UM,
+    SIGMAS,
     Placing,
     Window,
     against_itself,
+    find_step,
     summarise,
 )
 from stepdiag.daq.survey.models import StopRules
@@ -35,16 +39,27 @@ AWAY_SHARE = 0.25
 reported.
 """
 
+STEADY_SIGMAS = 3.0
+"""A trend beyond doubt, in its standard uncertainties."""
+STEADY_ALONE_SIGMAS, STEP_ALONE_SIGMAS = 12.0, 8.0
+"""The same, and a step, where the pass does not show its noise yet. A window alone does not show
+noise that is slower than itself: in 1/f noise its trend reaches eleven of its standard
+uncertainties, and a step seven standard deviations of what two levels leave."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Taken:
-    """A window of readings: the statistics, its bounds, and what is doubtful about it."""
+    """A window of readings: the statistics, its bounds, and what is doubtful about it.
+
+    ``step`` is the size of a step in it, in um and in standard deviations of what two levels leave.
+    """
 
     window: Window
     from_ns: float
     to_ns: float
     beam: float
     doubts: tuple[Message, ...] = ()
+    step: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +129,10 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     if whole is None:
         return None
     taken = _steadiest(stream, part, whole, rules)
-    return replace(
-        taken,
-        doubts=(
-            *taken.doubts,
-            *against_itself(span.position_mm, whole.window, stream.resolution_um),
-        ),
-    )
+    doubts = against_itself(span.position_mm, whole.window, stream.resolution_um)
+    stepped = any(doubt.key == "window-step" for doubt in doubts)
+    step = find_step(span.position_mm) if stepped else (0.0, 0.0)
+    return replace(taken, doubts=(*taken.doubts, *doubts), step=step)
 
 
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
@@ -173,7 +185,7 @@ def take(
 def _unsteady(window: Window, rules: StopRules) -> list[Message]:
     """Return why a window is not steady: its trend beyond doubt too steep, or its scatter too wide;
     nothing if it is."""
-    if abs(window.slope_um_s) > rules.max_slope_um_s + 3.0 * window.u_slope_um_s:
+    if abs(window.slope_um_s) > rules.max_slope_um_s + STEADY_SIGMAS * window.u_slope_um_s:
         return [
             message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)
         ]
@@ -184,6 +196,38 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
             )
         ]
     return []
+
+
+@dataclass(slots=True)
+class PassNoise:
+    """The slow noise of a pass: the trends of its windows so far, in um/s. Turbulent air makes
+    another trend at every stop; a machine that creeps makes the same one."""
+
+    slopes_um_s: list[float] = field(default_factory=list)
+
+    def take(self, taken: Taken, rules: StopRules) -> Taken:
+        """Take the next window; return it without the doubts that the slow noise explains."""
+        window, slow_um_s = taken.window, self._scatter_um_s()
+        self.slopes_um_s.append(window.slope_um_s)
+        alone, (step_um, step_sigmas) = not slow_um_s, taken.step
+        sigmas = STEADY_ALONE_SIGMAS if alone else STEADY_SIGMAS
+        beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
+        slow_step_um = SIGMAS * slow_um_s * window.duration_s
+        explained = {
+            "stop-doubtful": beyond_um_s <= sigmas * math.hypot(window.u_slope_um_s, slow_um_s),
+            "window-step": step_sigmas <= STEP_ALONE_SIGMAS
+            if alone
+            else abs(step_um) <= slow_step_um,
+        }
+        doubts = tuple(each for each in taken.doubts if not explained.get(each.key, False))
+        return replace(taken, doubts=doubts)
+
+    def _scatter_um_s(self) -> float:
+        """Return the standard deviation of the trends; 0 where they are too few to show it."""
+        if len(self.slopes_um_s) < LEAST_SAMPLES:
+            return 0.0
+        slopes = np.array(self.slopes_um_s)
+        return MAD_TO_SIGMA * float(np.median(np.abs(slopes - np.median(slopes))))
 
 
 def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -> bool | None:

@@ -25,15 +25,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.standing.window import LEAST_SAMPLES, Placing
+from stepdiag.daq.capture.standing.window import BIN_NS, LEAST_SAMPLES, Placing
 from stepdiag.daq.formats.signals import Signals
 
 STILL_MM = 0.02
 """Largest distance in mm of a standing machine while it comes to rest; the shortest step, and an
 overrun that takes up the backlash, are longer.
 """
-IN_A_ROW = 3
-"""Single wrong lines of a laser are no move."""
 SAME_STOP_MM = 0.05
 """Two commanded positions closer than this are the same stop: the register counts tenths of
 micrometres."""
@@ -177,17 +175,11 @@ MOST = 0.5
 """Share of the first dwell's samples that decides without a seen move between two dwells; its very
 first samples may still be of the move.
 """
-RECENT = 9
-RECENT_MS = 50
+RECENT, RECENT_NS = 9, 50_000_000
 """The end of one dwell and the beginning of the next are compared, and all between them. The newest
 samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan."""
-LEAST_MS = 20
-"""Time in ms for which a dwell seen by a single poll is looked at, unless enough samples come
-first.
-"""
 SAMPLES_WAIT_NS = 500_000_000
 """Longest wait in ns for the samples of a dwell before the dwell is judged without them."""
-MS = 1_000_000
 
 
 @dataclass(slots=True)
@@ -296,7 +288,7 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     if len(then) < LEAST_SAMPLES:
         return None
     earlier = placing.span(
-        max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns
+        max(before.dwell.from_ns, before.end_ns - RECENT_NS), after.from_ns
     ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
     return not strays.any() or bool(strays.mean() < (MOST if unbroken and soon else STRAYS))
@@ -304,12 +296,12 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
     """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
-    poll, or of the few that follow.
+    poll, or of the few that follow a dwell seen by a single poll.
     """
     span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_WAIT_NS))
     shown, begun = np.searchsorted(
         span.time_ns,
-        [max(dwell.to_ns, dwell.from_ns + LEAST_MS * MS), dwell.from_ns + RECENT_MS * MS],
+        [max(dwell.to_ns, dwell.from_ns + BIN_NS), dwell.from_ns + RECENT_NS],
     )
     beginning: NDArray[np.float64] = span.position_mm[
         : max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))

@@ -18,6 +18,8 @@ SIGMAS = 5.0
 """Noise is smaller than so many of its standard deviations."""
 LEAST_SAMPLES = 3
 """Fewer samples do not show their own scatter. A polled display gives no more in a short dwell."""
+IN_A_ROW = 3
+"""Single wrong lines of a laser are no move, and are thrown away without a word."""
 BLOCKS = 256
 """Autocorrelation is looked for on block means: a window of any length costs the same."""
 RESOLUTION_FLOOR_UM = 0.002
@@ -198,10 +200,8 @@ LEAST_STEP_UM = 0.5
 UNLIKE_A_DRIFT = 0.35
 """Two levels explain the window if they leave at most so much of the squares that a straight line
 leaves."""
-WRONG_LINES = 3
 WRONG_SHARE = 0.01
-"""Single wrong lines are thrown away without a word; more than so many, and so large a share of the
-window, are no accident."""
+"""More wrong lines than `IN_A_ROW` and so large a share of the window are no accident."""
 RESTLESS_UM = 0.02
 """An instrument of this resolution sees air and floor move: in a machine hall it never sends a
 single value for half a window.
@@ -232,7 +232,7 @@ def against_itself(
     if step_um := step_in_um(position_mm):
         return [message("window-step", step_um=step_um)]
     wrong = window.rejected - _leaving(position_mm)
-    if wrong > WRONG_LINES + WRONG_SHARE * count:
+    if wrong > IN_A_ROW + WRONG_SHARE * count:
         return [message("window-step.strays", wrong=wrong, count=count)]
     return []
 
@@ -252,19 +252,26 @@ def _leaving(position_mm: NDArray[np.float64]) -> int:
 
 def step_in_um(position_mm: NDArray[np.float64]) -> float:
     """Return the size of the step between two levels in a window, in um; 0 where it has none."""
+    return find_step(position_mm)[0]
+
+
+def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the size of the step between two levels in a window, in um, and in standard deviations
+    of what the levels leave; 0 where it has none."""
     size = -(-len(position_mm) // STEP_BLOCKS)
     count = len(position_mm) // size
     if count < LEAST_BLOCKS:
-        return 0.0
+        return 0.0, 0.0
     blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
     at = _best_split(blocks)
     before, after = float(np.median(blocks[:at])), float(np.median(blocks[at:]))
     rest = blocks - np.where(np.arange(count) < at, before, after)
     sharp = float(np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at]))
-    step = after - before
+    step, noise_um = after - before, max(float(np.std(rest)), RESOLUTION_FLOOR_UM)
     seen = abs(step) > max(LEAST_STEP_UM, SIGMAS * float(np.std(rest)))
     two_levels = float(rest @ rest) < UNLIKE_A_DRIFT * _squares_of_a_line(blocks)
-    return step if seen and two_levels and abs(sharp) > SHARP * abs(step) else 0.0
+    found = seen and two_levels and abs(sharp) > SHARP * abs(step)
+    return (step, abs(step) / noise_um) if found else (0.0, 0.0)
 
 
 def _best_split(blocks: NDArray[np.float64]) -> int:

@@ -172,23 +172,48 @@ def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
 
 
 @pytest.mark.parametrize("machine", ["stopped", "no positions"])
-@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize(("back", "again"), [(False, (1,)), (True, (1,)), (True, (1, 2))])
 @pytest.mark.parametrize("setup", ["ppp", "npp"])
-def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, setup, tmp_path):
+def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, again, setup, tmp_path):
     """The machine does not stand at the first stop. The steps are those of a program in the order
-    YZX until the pass ends. The pass driven again makes the survey whole."""
+    YZX until the pass ends. The pass driven again, alone or with its way back, makes the survey
+    whole."""
     shop = replace(
         shop_of("nothing"),
         machine=machine,
         back=back,
         faults=(Fault("skipped", setup, 1, 0, 0),),
-        again=((setup, (1,)),),
+        again=((setup, again),),
     )
     found = surveyed(shop, tmp_path, files=False)
     loud = [each for each in found.findings if each.code != "signals-absent"]
     assert [(each.code, each.setup, each.stop) for each in loud] == [("stop-lost", setup, 0)]
     assert loud[0].message.key == "stop-lost.first"
-    assert found.passes == found.wanted
+    assert found.passes == found.wanted + len(again) - 1
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_an_order_that_begins_like_a_missing_first_stop_is_named_without_signals(back, tmp_path):
+    """The steps of YZX are those of XYZ from the second stop on; the seventh stop tells them
+    apart."""
+    shop = replace(shop_of("axis order", machine="none"), order="yzx", back=back)
+    found = surveyed(shop, tmp_path, files=False)
+    assert [
+        (after, each.message.arguments["line"])
+        for after, each in zip(found.after, found.findings, strict=True)
+        if each.severity != "info" and each.code != "no-signals"
+    ] == [(7, "volume.axis_order")]
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_a_missing_first_stop_without_signals_leaves_the_next_pass_whole(back, tmp_path):
+    shop = replace(
+        shop_of("nothing"), machine="none", back=back, faults=(Fault("skipped", "ppp", 1, 0, 0),)
+    )
+    found = surveyed(shop, tmp_path, files=False)
+    loud = [each for each in found.findings if each.code != "no-signals"]
+    assert [(each.code, each.setup, each.stop) for each in loud] == [("stop-lost", "ppp", 0)]
+    assert found.passes == found.wanted - 1
 
 
 def test_an_order_of_a_long_pass_is_named_at_its_last_stop(tmp_path):

@@ -18,6 +18,7 @@ from stepdiag.daq.recording.sinks import DirectSink
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.driven import (
     BOX_MM,
+    ERRS,
     RATE_HZ,
     SETUPS,
     WALL_OFFSET_NS,
@@ -82,6 +83,12 @@ class Shop:
     registers 10 to 13."""
     again: tuple = ()
     """Passes that are driven once more, each directly after its setup: setup and numbers."""
+    air_um: float = 0.0
+    """Standard deviation of the reading by turbulent air: 1/f noise between 0.05 and 5 Hz."""
+    scale_um_m: float = ERRS.scale_um_m
+    """The machine's own scales are drawn evenly up to so much, either way."""
+    rate_hz: float = RATE_HZ
+    """How many samples a second the instrument sends."""
     line: str = ""
     """The beginning of the line of the survey file that is wrong; empty where nothing is."""
 
@@ -109,6 +116,36 @@ def draw(seed):
         back=bool(rng.integers(2)),
     )
     return CAUSES[cause](shop, rng)
+
+
+def draw_clean(seed, kind):
+    """Return a drawn shop at which nothing is wrong, of a kind of `CLEAN`."""
+    rng = np.random.default_rng((seed, 41))
+    shop = draw(seed)
+    machines = list(MACHINES)[:3]
+    plain = Shop(seed, machines[seed % 3], kind, size=shop.size, back=shop.back)
+    return CLEAN[kind](plain, rng)
+
+
+CLEAN = {
+    "quiet": lambda shop, _: shop,
+    "turbulent air at 50 Hz": lambda shop, rng: replace(
+        shop, rate_hz=50.0, air_um=float(rng.uniform(0.2, 1.0))
+    ),
+    "scales up to 200 um/m": lambda shop, _: replace(shop, machine="all", scale_um_m=200.0),
+}
+"""Surveys at which nothing is wrong."""
+
+
+def _turbulent_um(rng, count, rate_hz):
+    """Return 1/f noise of standard deviation 1 um: eight relaxations between 0.05 and 5 Hz."""
+    corners_hz = np.geomspace(0.05, 5.0, 8)
+    size = 1 << int(np.ceil(np.log2(2 * count)))
+    hz = np.fft.rfftfreq(size, 1 / rate_hz)
+    density = sum(1 / (corner * (1 + (hz / corner) ** 2)) for corner in corners_hz)
+    density *= 2 / np.pi / len(corners_hz)
+    noise = rng.normal(size=(2, len(hz)))
+    return np.fft.irfft(np.sqrt(density * rate_hz * size / 4) * (noise[0] + 1j * noise[1]))[:count]
 
 
 def _scaled(factors):
@@ -363,6 +400,9 @@ class ShopBench(Bench):
                 np.concatenate([np.full(late, value[0]), value[:-late]]),
                 np.concatenate([beam[:late], beam[:-late]]),
             )
+        if self.shop.air_um:
+            rng = np.random.default_rng((self.shop.seed, 42))
+            value = value + 1e-3 * self.shop.air_um * _turbulent_um(rng, len(t), self.rate_hz)
         return t, self.shop.factor * value, beam
 
     def reading(self, t):
@@ -427,6 +467,7 @@ def survey_of(shop, *, increments=2):
         back=shop.back,
         signals=MACHINES[shop.machine] if shop.machine != "none" else "",
     )
+    text = text.replace(f"rate_hz = {RATE_HZ}", f"rate_hz = {shop.rate_hz}")
     text = text.replace("dwell_s = 0.8", f"dwell_s = {DWELL_S}")
     text = text.replace(
         "compensated = true",
@@ -443,7 +484,11 @@ def survey_of(shop, *, increments=2):
 
 def surveyed(shop, folder, *, text=None, files=True, increments=2):
     """Record a shop's survey into a folder, and solve, export and load its files."""
-    machine = machine_of(shop.seed, shop.driven_size or shop.size)
+    machine = machine_of(
+        shop.seed,
+        shop.driven_size or shop.size,
+        errs=replace(ERRS, scale_um_m=shop.scale_um_m),
+    )
     program = Program(
         machine,
         size=shop.driven_size or shop.size,
@@ -482,7 +527,7 @@ def surveyed(shop, folder, *, text=None, files=True, increments=2):
         on_outcome=heard,
         wall_offset_ns=lambda: WALL_OFFSET_NS,
     )
-    events = program.events(bench=bench, rate_hz=RATE_HZ * shop.rate)
+    events = program.events(bench=bench, rate_hz=shop.rate_hz * shop.rate)
     schedule = Bench(program.stops, move_s=0.3).schedule()
     ends = [end for (_, end), stop in zip(schedule, program.stops, strict=True) if stop.shown]
     starts = (
