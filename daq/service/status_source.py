@@ -157,7 +157,7 @@ class DaemonStatusSource:
         )
         return msgspec.structs.replace(
             shown,
-            ahead=working.finisher.ahead,
+            ahead=working.finisher.ahead.while_open(shown.to_drive),
             corrects=working.corrects,
             proof=working.finisher.proof,
         )
