@@ -112,6 +112,12 @@ class Capture:
         return self._handshake and dwell is not None and dwell.from_ns != self._taken_from_ns
 
     @property
+    def at_stop(self) -> bool:
+        """Return whether the machine stands, or has left a stop that is taken in a moment: until
+        then the next stop is not the one it moves to."""
+        return self.tracker.open is not None or bool(self._pending)
+
+    @property
     def driven_out(self) -> bool:
         """Return whether the machine has left the last stop of its pass, which is taken in a
         moment: nothing needs the beam any more."""

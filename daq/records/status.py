@@ -3,7 +3,7 @@
 `StatusSource` is the only interface between the daemon and its viewers.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -58,6 +58,12 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
     words: Words = ""
     setup: str = ""
     further: bool = False
+
+    def while_open(self, to_drive: Iterable["DriveStatus"]) -> "AheadStatus":
+        """Return this advice, or none where its setup of the plan is in meanwhile: the next advice
+        takes its time."""
+        stands = self.further or not self.setup or self.setup in {each.setup for each in to_drive}
+        return self if stands else AheadStatus()
 
 
 class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):

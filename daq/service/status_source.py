@@ -107,9 +107,7 @@ class DaemonStatusSource:
         if working.paused:
             return "paused"
         if working.session.capture is not None:
-            return (
-                "dwelling" if working.session.capture.tracker.open is not None else "waiting-stop"
-            )
+            return "dwelling" if working.session.capture.at_stop else "waiting-stop"
         return working.finisher.phase if working.shown is not working.session else "waiting-program"
 
     def waits_for(self) -> Words:
@@ -157,7 +155,7 @@ class DaemonStatusSource:
         )
         return msgspec.structs.replace(
             shown,
-            ahead=working.finisher.ahead,
+            ahead=working.finisher.ahead.while_open(shown.to_drive),
             corrects=working.corrects,
             proof=working.finisher.proof,
         )

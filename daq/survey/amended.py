@@ -95,11 +95,12 @@ def as_proof(
     """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that
     were loaded on a ``day`` as ``active``.
 
-    The instruments stay unchanged; exports, angles and the 4-DOF head are left out. Raises as
-    `with_plan`.
+    The instruments stay unchanged; exports, angles and the 4-DOF head are left out. No next setup
+    is proposed: a proof run ends with its verdict. Raises as `with_plan`.
     """
     settings: dict[str, Mapping[str, object]] = {
         "[survey]": {"name": name},
+        "[plan]": {"propose_next": False},
         "[machine]": {
             "compensation": "on",
             "active": list(active),
@@ -123,7 +124,8 @@ def as_proof(
         field: getattr(proof, field) for field in proof.__struct_fields__ if getattr(proof, field)
     }
     blocks.append(_stated(["\n", "[proof]\n"], held))
-    return with_plan("".join(line for block in blocks for line in block), plan, source)
+    decided = msgspec.structs.replace(plan, propose_next=False)
+    return with_plan("".join(line for block in blocks for line in block), decided, source)
 
 
 def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:

@@ -13,6 +13,7 @@ axis of the machine, for == and <> hold for the type AXIS too (Job Planning, 828
 from collections.abc import Iterator, Sequence
 
 from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import finite
 from stepdiag.exporters.siemens import eec
 from stepdiag.exporters.siemens.ini import switches_in
 from stepdiag.exporters.siemens.products import numbered
@@ -24,6 +25,7 @@ HELD = "STEPDIAG_BACK"
 _PATH = f"/_N_MPF_DIR/_N_{HELD}_MPF"
 _CEC_GRID = ("STEP", "MIN", "MAX", "DIRECTION", "MULT_BY_TABLE", "IS_MODULO")
 _EEC_GRID = ("STEP", "MIN", "MAX", "IS_MODULO")
+_LOGICAL = {"TRUE": "1", "FALSE": "0"}
 
 
 def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
@@ -126,8 +128,12 @@ def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
 
 
 def held_switches(files: Sequence[ControlFile]) -> dict[str, str]:
-    """Return what files hold of switches and weights, TRUE and FALSE as 1 and 0."""
+    """Return what files hold of switches and weights, TRUE and FALSE as 1 and 0.
+
+    Raises ``DataError`` with its name for a switch or weight that is neither one of these nor a
+    number.
+    """
     return {
-        name: {"TRUE": "1", "FALSE": "0"}.get(value, f"{float(value):g}")
+        name: _LOGICAL.get(value) or f"{finite(value, name):g}"
         for name, value in switches_in(files).items()
     }

@@ -21,6 +21,7 @@ def check_table(seen: Observation) -> Table:
         table.add_column(
             column, justify="right" if column in {"now", "changes"} else "left", overflow="fold"
         )
+    table.columns[0].no_wrap = True  # the name of a signal is copied into the survey file
     for stream in seen.streams:
         _add_stream(table, stream)
     if not seen.survey.plc.silent:

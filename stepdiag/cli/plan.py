@@ -218,22 +218,16 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
 def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:
     from rich.console import Console
 
-    from stepdiag.terminal.plan_tables import (
-        diagonals_in_words,
-        forecast_table,
-        front_table,
-        in_words,
-    )
+    from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
-    print_words(in_words(advice.forecast))
+    print_words(in_words(advice.forecast, by_name=verbose))
     if verbose:
         console.print(forecast_table(advice.forecast))
     console.print(front_table(advice, verbose=verbose))
-    if (diagonals := diagonals_in_words(advice)) is not None:
-        print_words(diagonals)
+    print_words(message("corners-meant"))
     if advice.best is not None:
-        print_words(message("best-survey", what=in_words(advice.best)))
+        print_words(message("best-survey", what=in_words(advice.best, by_name=verbose)))
         if verbose:
             console.print(forecast_table(advice.best))
     elif asked:

@@ -146,8 +146,9 @@ def _programs(target: Path, controller: str, profile: Path | None, out: Path | N
 def _print_plan(plan: "ProofPlan") -> None:
     from rich.console import Console
 
+    named = [message("setup-named", setup=setup) for setup in plan.setups]
     table = empty_table(
-        message("table-proof", setups=plan.setups, repeats=plan.repeats, minutes=plan.minutes)
+        message("table-proof", setups=named, repeats=plan.repeats, minutes=plan.minutes)
     )
     for each in plan.foreseen:
         table.add_row(each.function, f"{each.seen_um:.2f}", f"{each.expanded_um:.2f}")

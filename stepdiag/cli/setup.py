@@ -147,7 +147,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
         return "none", host, port
     if control is not None and not on_terminal():
         return control, host, port
-    answered, port = _probed(control, host, port)
+    answered, host, port = _probed(control, host, port)
     if control is not None:
         return control, host, port
     return (
@@ -163,9 +163,9 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     )
 
 
-def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], int]":
-    """Return who answers, and at which port: where nothing answers at the usual ones, the port is
-    asked for."""
+def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], str, int]":
+    """Return who answers, at which address and port: where nothing answers at the usual ports,
+    another address or port is asked for."""
     from stepdiag.checking.hearing import PROBED, probe
 
     controls = PROBED if control is None else (control,)
@@ -174,16 +174,16 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
         place = f"{host}:{port}" if port else host
         answered = _while_saying(
             message("asking-over", place=place, names=spoken),
-            lambda at=port: probe(host, at, controls),  # type: ignore[misc]
+            lambda where=host, at=port: probe(where, at, controls),  # type: ignore[misc]
         )
         for each in answered:
             print_words(f"  {each.control}: {each.words}")
         if _likely(answered) is not None:
-            return answered, port
-        other = asked("port", message("ask-port"), None, _tcp_port, "0")
-        if not other:
-            return answered, port
-        port = other
+            return answered, host, port
+        other = asked("port", message("ask-port"), None, _elsewhere, "0")
+        if other == 0:
+            return answered, host, port
+        host, port = (other, 0) if isinstance(other, str) else (host, other)
 
 
 def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
@@ -283,6 +283,11 @@ def _whole(text: str) -> int:
         return int(text)
     except ValueError:
         raise UsageError("answer", expected=message("whole-number"), found=repr(text)) from None
+
+
+def _elsewhere(text: str) -> int | str:
+    """Return a TCP port, or the name or address of a control where the answer is no number."""
+    return _tcp_port(text) if text.lstrip("-").isdecimal() else _text(text)
 
 
 def _tcp_port(text: str) -> int:

@@ -3,6 +3,7 @@
 """
 
 import json
+import shlex
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -135,7 +136,7 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
         if test.lever is None
         else [message("bump-aside", axis=test.lever[0], at_mm=test.lever[1])]
     )
-    ends = f" --result {'result.json' if result is None else result.name}"
+    ends = f" --result {'result.json' if result is None else shlex.quote(str(result))}"
     reading = "--off OFF.csv --on ON.csv" if along else "--run RUN.csv"
     steps: tuple[Words, ...] = (
         *aside,
@@ -152,9 +153,8 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
         message("bump-restore", files=[file.name for file in test.restore]),
         message("bump-readings" if along else "bump-run"),
         (
-            f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} "
-            "--function "
-            f"{test.function} {reading}"
+            f"stepdiag signtest --controller {controller} --profile {shlex.quote(str(profile))}"
+            f"{ends} --function {test.function} {reading}"
         ),
     )
     title = shown(message("bump-title", function=test.function, controller=controller))

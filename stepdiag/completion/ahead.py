@@ -138,9 +138,7 @@ def _next(ahead: Sequel, survey: Survey) -> Message:
     )
     figures = {"now_um": ahead.now_um, "then_um": ahead.then_um, "minutes": ahead.minutes}
     if others:
-        return message(
-            "ahead-next.with", line=line, others=[run.setup for run in others], **figures
-        )
+        return message("ahead-next.with", line=line, count=len(others), **figures)
     return message("ahead-next", line=line, **figures)
 
 

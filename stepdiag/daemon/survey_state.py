@@ -147,7 +147,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         setups=setup_statuses(known, book, drives),
         to_drive=drives,
         logs=tuple(logs),
-        ahead=AheadStatus() if last is None else ahead_in(last),
+        ahead=AheadStatus() if last is None else ahead_in(last).while_open(drives),
         wrong_line=book.wrong_line,
         corrections=tuple(map(str, corrections_in(last))) if last is not None else (),
         live=live_in(folder) if recording else None,

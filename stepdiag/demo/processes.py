@@ -91,9 +91,9 @@ class Talker:
 @contextmanager
 def talking(command: Sequence[str], *, errors: bool) -> Iterator[Talker]:
     """Run a process and listen to it: on standard error for the daemon, on standard output for the
-    bench."""
+    bench. It ends with the thread that started it, also where this process is killed."""
     process = subprocess.Popen(
-        command,
+        ("setpriv", "--pdeathsig", "TERM", *command),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL if errors else subprocess.PIPE,
         stderr=subprocess.PIPE if errors else None,

@@ -14,8 +14,9 @@ from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Advice, Forecast
 from stepdiag.terminal.viewer import empty_table, shown
 
-FEW = 7
-"""So many lines fit by name into two lines of a terminal."""
+FEW, FEW_OF_A_ROW = 7, 4
+"""So many lines of a survey fit by their corners into three lines of a terminal, and into four of a
+table's row."""
 KINDS = {
     "step": message("kind-step"),
     "body": message("kind-body"),
@@ -26,11 +27,11 @@ KINDS = {
 _ANGLES = {"assumed": message("angles-assumed"), "solved": message("angles-solved")}
 
 
-def in_words(forecast: Forecast) -> Words:
+def in_words(forecast: Forecast, *, by_name: bool) -> Words:
     """Return runs, time, volumetric uncertainty and how the angular errors are dealt with."""
-    runs = ", ".join(
-        run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs
-    )
+    lines = forecast.plan.runs
+    few = by_name or len(lines) <= FEW
+    runs = [_repeated(run) for run in lines] if few else _kinds(forecast.plan)
     hours, minutes = divmod(round(forecast.minutes), 60)
     about = message(
         "forecast",
@@ -42,6 +43,11 @@ def in_words(forecast: Forecast) -> Words:
         angles=_ANGLES[forecast.angles],
     )
     return joined([about, *_slips(forecast.ahead)])
+
+
+def _repeated(run: Run) -> Words:
+    named = message("setup-named", setup=run.setup)
+    return message("run-repeated", of=named, count=run.repeats) if run.repeats > 1 else named
 
 
 def _slips(ahead: Foresight) -> Iterator[Words]:
@@ -115,17 +121,6 @@ def front_table(advice: Advice, *, verbose: bool) -> Table:
     return table
 
 
-def diagonals_in_words(advice: Advice) -> Message | None:
-    """Return the diagonals of the surveys in the list by their corners, the short name beside them;
-    None without a diagonal."""
-    plans = [advice.forecast.plan, *(each.plan for each in advice.front)]
-    lines = {setup_of(setup_of(run.setup).base) for plan in plans for run in plan.runs}
-    diagonals = [line for line in lines if not line.axis]
-    ordered = sorted(diagonals, key=lambda line: line.order)
-    named = [message("setup-named", setup=line.name) for line in ordered]
-    return message("diagonals-named", setups=named) if named else None
-
-
 def _floor(advice: Advice) -> Iterator[Message]:
     if floor_um := advice.forecast.ahead.of.floor_um:
         yield message("tables-leave", floor_um=floor_um)
@@ -141,7 +136,8 @@ def _head(advice: Advice) -> Iterator[Message]:
 def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
     """Return what a plan drives: its setups with their shifts, or how many of each kind where there
     are many, and how."""
-    lines = [_line(run) for run in plan.runs] if by_name or len(plan.runs) <= FEW else _kinds(plan)
+    few = by_name or len(plan.runs) <= FEW_OF_A_ROW
+    lines = [_line(run) for run in plan.runs] if few else _kinds(plan)
     orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
     first = plan.runs[0]
     ways = message("out-and-back" if first.return_pass else "one-way")
@@ -168,8 +164,9 @@ def _kinds(plan: Plan) -> list[Words]:
     return counted
 
 
-def _line(run: Run) -> str:
+def _line(run: Run) -> Words:
+    named = message("setup-named", setup=run.setup)
     shift = " ".join(
         f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value
     )
-    return f"{run.setup} ({shift} mm)" if shift else run.setup
+    return message("run-shifted", of=named, shift=shift) if shift else named

@@ -1,6 +1,7 @@
 """Results, effects of compensation files and findings as tables that a person reads in a
 terminal."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -23,6 +24,8 @@ MARKS: dict[Severity, Message] = {
     "info": message("mark-note"),
 }
 
+FEW_ALIKE = 2
+"""So many findings of a code show its kind; a table of each axis may carry one."""
 _PARTS = {"without rigid motion": message("without-rigid-motion"), "as it is": message("as-it-is")}
 
 
@@ -50,11 +53,23 @@ def print_tables(result: Result) -> None:
 
 
 def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
-    """Print findings, the severest first; without ``verbose`` the notes as their number."""
-    notes = 0 if verbose else sum(each.severity == "info" for each in findings)
-    print_words(*finding_lines([each for each in findings if verbose or each.severity != "info"]))
-    if notes:
+    """Print findings, the severest first; without ``verbose`` the notes, and all but the first
+    `FEW_ALIKE` of a code, as their number."""
+    serious = [each for each in findings if each.severity != "info"]
+    first = [each for at, each in enumerate(serious) if _alike(serious[:at], each) < FEW_ALIKE]
+    print_words(*finding_lines(findings if verbose else first))
+    if verbose:
+        return
+    more = Counter(each.code for each in serious) - Counter(each.code for each in first)
+    for code, count in more.items():
+        print_words(message("more-alike", count=count, code=code))
+    if notes := len(findings) - len(serious):
         print_words(message("notes-beside", count=notes))
+
+
+def _alike(before: Sequence[Finding], found: Finding) -> int:
+    """Return how many findings before this one have its code and severity."""
+    return sum((each.code, each.severity) == (found.code, found.severity) for each in before)
 
 
 def function_table(result: Result) -> Table:

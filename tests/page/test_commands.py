@@ -91,7 +91,7 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(
     )
     daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer))
     expect(page.locator("#ahead")).to_have_text(
-        "Angles of about 30 µrad. Largest gain: diagonal X-Y-Z- to X+Y+Z+ (ppp) on a line "
+        "Angles of about 30 µrad. Largest gain: diagonal X−Y−Z− to X+Y+Z+ (ppp) on a line "
         "shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
     )
     page.locator("#language").click()
@@ -161,7 +161,7 @@ def test_what_is_doubted_is_accepted_with_name_and_reason(page: Page, daemon: Se
     unlock(page)
     daemon.do(lambda: daemon.survey.publish(findings=(found,)))
     page.locator("#all-findings").click()
-    here = "diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 6"
+    here = "diagonal X+Y−Z− to X−Y+Z+ (npp), pass 1 out, stop 6"
     expect(page.locator("#all-list button.accept")).to_have_text(f"Accept {here} …")
     page.locator("#all-list button.accept").click()
     expect(page.locator("#accept-place")).to_have_value(here)

@@ -150,7 +150,7 @@ def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemo
     items = page.locator("#findings li")
     expect(items).to_have_count(3)
     expect(items.first).to_contain_text(
-        "diagonal X+Y-Z- to X-Y+Z+ (npp) out, stops 6–13: the count was lost. ×8"
+        "diagonal X+Y−Z− to X−Y+Z+ (npp) out, stops 6–13: the count was lost. ×8"
     )
     assert items.first.evaluate("one => getComputedStyle(one).textDecorationLine") == "none"
     page.locator("#all-findings").click()

@@ -4,7 +4,7 @@ import { lockedFiles } from "./commands.js";
 import { Curves } from "./curves.js";
 import { node } from "./draw.js";
 import { field } from "./field.js";
-import { common, language, say, shown } from "./words.js";
+import { common, say, shown, wordsOf } from "./words.js";
 
 const FUNCTIONS = ["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"];
 const UNITS = { um: "µm", urad: "µrad", "um/m": "µm/m" };
@@ -18,7 +18,7 @@ export function forget() {
 }
 
 // The conclusion's next step in the language chosen: the one sentence that matters once all is done; empty before it is known.
-export const nextStep = () => (next ? next.map((one) => one[language]).join(" ") : "");
+export const nextStep = () => (next ? next.map((one) => wordsOf(one)).join(" ") : "");
 
 export function update({ survey, result_ready: ready, stage, geometry }) {
   const locked = lockedFiles();
@@ -57,7 +57,7 @@ async function fetchAll(geometry, locked) {
 }
 
 function conclusion(document_, geometry) {
-  const words = (section) => (document_[section] || []).map((one) => one[language]);
+  const words = (section) => (document_[section] || []).map((one) => wordsOf(one));
   const list = (section) => (words(section).length ? [node("h3", {}, say(`conclusion_${section}`)), node("ul", { class: section }, ...words(section).map((one) => node("li", {}, one)))] : []);
   next = document_.next_step;
   // the verdict of a proof run stands at the head, and states nothing about the machine's errors

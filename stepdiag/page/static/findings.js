@@ -2,7 +2,7 @@
 
 import { mayOrder, order } from "./commands.js";
 import { node, put } from "./draw.js";
-import { common, language, say } from "./words.js";
+import { common, say, wordsOf } from "./words.js";
 
 const SHOWN = 3;
 
@@ -43,16 +43,16 @@ export function update({ findings }) {
 
 // A doubt that keeps its pass open can be accepted by a person with the token, who gives the reason: at a place, or by its code at all.
 function item({ code, severity, sentence, advice, times, state, places, word }, whole = false) {
-  const named = Object.entries(places).map(([place, words]) => [place, words[language] || place]);
+  const named = Object.entries(places).map(([place, words]) => [place, wordsOf(words) || place]);
   const taken = named.length > 1 ? [[code, code], ...named] : named;
   const accept = whole && mayOrder() && state === "open" ? taken.map(([place, words]) => button(place, words)) : [];
   return node(
     "li",
     { class: `finding ${severity} state-${state}` },
     node("strong", {}, common(`severity_${severity}`)),
-    `: ${sentence[language].replace(/[^.!?]$/, "$&.")} `,
+    `: ${wordsOf(sentence).replace(/[^.!?]$/, "$&.")} `,
     ...(times > 1 ? [node("strong", {}, `×${times} `)] : []),
-    node("span", { class: "quiet" }, advice[language]),
+    node("span", { class: "quiet" }, wordsOf(advice)),
     " ",
     node("code", {}, code),
     ...(word ? [node("p", {}, say("accepted_by", { word }))] : []),

@@ -43,7 +43,7 @@ function draw(oldest, newest, width) {
   const moving = spread === undefined && Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
   reach = moving || spread === undefined ? null : Math.max(0.5, 2 * spread);
   const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * (moving ? 1 : 1e3)));
-  curves ??= new Curves("strip", { height: 120, ySpace: 16, xRange: [-KEEP_S, 0], yRange: narrow });
+  curves ??= new Curves("strip", { height: 150, ySpace: 16, xRange: [-KEEP_S, 0], yRange: narrow });
   const unit = moving ? "mm" : "um";
   const labels = { columns: ["time_s", `high_${unit}`, `low_${unit}`], xLabel: say("seconds"), yLabel: moving ? "mm" : "µm" };
   curves.draw([{ label: say("strip_high"), x, y: shift(high), dots: false }, { label: say("strip_low"), x, y: shift(low), dots: false }], say("strip"), labels);

@@ -28,8 +28,10 @@ function filled(name, value) {
   return name === "setup" ? setupName(value) : value;
 }
 
-// Return the words of the daemon in the chosen language.
-export const wordsOf = (both) => both?.[language] ?? "";
+const CORNER = /(?:[XYZ][+-]){2,3}(?!\w)/g;
+
+// Return the words of the daemon in the chosen language, corners with true minus signs: no line ends there.
+export const wordsOf = (both) => (both?.[language] ?? "").replace(CORNER, (corner) => corner.replaceAll("-", "−"));
 
 export const common = (key) => texts.common[key] ?? key;
 
@@ -48,8 +50,7 @@ export function nameSetups(setups) {
   names = Object.fromEntries(setups.map(({ name, words }) => [name, words]));
 }
 
-// A true minus sign behind an axis: no line ends there.
-export const setupName = (setup) => wordsOf(names[setup]).replace(/([XYZ])-/g, "$1−") || setup;
+export const setupName = (setup) => wordsOf(names[setup]) || setup;
 
 // Return the direction of a pass: odd passes lead outward.
 export const wayOf = (pass) => say(pass % 2 === 1 ? "outward" : "return");

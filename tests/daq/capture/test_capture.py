@@ -45,6 +45,25 @@ def assert_right(stops, truth, *, within_um=0.6):
         assert stop.position_mm == pytest.approx(true.position, abs=1e-4)
 
 
+def test_a_machine_on_its_way_is_on_its_way_to_the_next_stop():
+    """A stop is taken a moment after the machine has left it: meanwhile the page still measures it,
+    and does not show the way to a stop that lies behind."""
+    truth = diagonal("ppp")
+    played = Timeline(truth, move_s=1.0)
+    survey = parse_survey(survey_text(), "survey.toml")
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    stands = played.schedule()
+    on_the_way = set()
+    for event in played.events():
+        capture.feed(event)
+        now_s = arrival(event) * 1e-9
+        stood = sum(end < now_s for _, end in stands)
+        moves = stood > 0 and all(now_s < begin or now_s > end for begin, end in stands)
+        if moves and capture.walk is not None and not (capture.at_stop or capture.ended):
+            on_the_way.add(stood - capture.walk.expected)
+    assert on_the_way == {0}
+
+
 @few(4)
 @given(
     seed=st.integers(0, 10_000),

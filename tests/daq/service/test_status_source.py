@@ -9,7 +9,7 @@ from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.sinks import Nowhere
-from stepdiag.daq.records.status import LinkStatus
+from stepdiag.daq.records.status import AheadStatus, DriveStatus, LinkStatus
 from stepdiag.daq.service.child_jobs import Commands, Finisher
 from stepdiag.daq.service.metrics import Tally
 from stepdiag.daq.service.status_source import DaemonStatusSource, Working, _idle
@@ -87,3 +87,15 @@ def test_the_snapshot_holds_the_verdict_of_a_proof_run(tmp_path, severity):
         )
     )
     assert source.snapshot().proof == severity
+
+
+@pytest.mark.parametrize(
+    ("setup", "further", "stands"),
+    [("npp", False, True), ("ppp", False, False), ("ppp+1", True, True), ("", False, True)],
+)
+def test_advice_ends_with_the_setup_that_it_names(setup, further, stands):
+    """The next advice takes its time: until then a finished survey named a setup of its plan that
+    was in. A setup outside the plan, and the end of the survey, stand."""
+    advice = AheadStatus(words="Largest gain", setup=setup, further=further)
+    open_pass = DriveStatus(setup="npp", pass_number=1, stops=13)
+    assert advice.while_open([open_pass]) == (advice if stands else AheadStatus())

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_set
@@ -59,6 +60,13 @@ def held(machine: Sinumerik) -> ControlFile:
     return ControlFile(name="STEPDIAG_BACK.MPF", data=machine.read_out().encode("ascii"))
 
 
+def written_as(value: str, back: ControlFile) -> ControlFile:
+    """Return what was read out with one switch in other words."""
+    switch = b"$MA_CEC_ENABLE[AX2]="
+    assert back.data.count(switch + b"1") >= 1
+    return replace(back, data=back.data.replace(switch + b"1", switch + value.encode("ascii")))
+
+
 def differs(machine: Sinumerik) -> dict[str, str]:
     _, files, _ = planned()
     return {
@@ -97,6 +105,21 @@ class TestSinumerik:
         found = differs(machine)
         assert list(found) == ["read-back-differs.switch"]
         assert found["read-back-differs.switch"].startswith(f"{switch[1:]} is 0")
+
+    @pytest.mark.parametrize(
+        ("value", "found"), [("TRUE", []), ("FALSE", ["read-back-differs.switch"])]
+    )
+    def test_a_switch_may_be_written_as_a_logical_value(self, value: str, found: list[str]) -> None:
+        _, files, programs = planned()
+        back = written_as(value, held(control(programs)))
+        told = compare(SIEMENS, files, [back], PROFILE).findings
+        assert [each.key for each in told] == found
+
+    def test_a_switch_that_is_no_number_is_refused_by_its_name(self) -> None:
+        _, files, programs = planned()
+        back = written_as("YES", held(control(programs)))
+        with pytest.raises(DataError, match=r"MA_CEC_ENABLE\[AX2\]: expected a number"):
+            compare(SIEMENS, files, [back], PROFILE)
 
     def test_one_number_that_is_another_is_named_with_its_place(self) -> None:
         """One unit of the last digit: 0.1 um."""

@@ -1,11 +1,14 @@
 """What ``stepdiag check`` says about streams and register maps, fed by hand: every cause has words
 of its own."""
 
+import io
 import struct
 
 import pytest
+from rich.console import Console
 
 from stepdiag.checking.diagnosis import diagnose
+from stepdiag.checking.tables import check_table
 from stepdiag.daq.formats.signals import plan_reads
 from stepdiag.daq.records.events import Chunk, LinkEvent, ModbusBlock
 from testkit.checked import LINE_SURVEY, seen_of
@@ -56,6 +59,16 @@ def test_all_is_well(seen):
     laser_is_well(seen)
     machine_is_well(seen)
     assert told(seen).keys() == {"wrong-laser-sign", "wrong-laser-sign.unseen"}
+
+
+def test_a_name_of_a_signal_stands_on_one_line_of_80_columns(seen):
+    """It is copied into [plc.signals]; the columns beside it give way."""
+    laser_is_well(seen)
+    machine_is_well(seen)
+    console = Console(width=80, file=io.StringIO())
+    console.print(check_table(seen))
+    rows = [line for line in console.file.getvalue().splitlines() if "│" in line]
+    assert set(seen.survey.plc.signal_names) <= {row.split("│")[1].strip() for row in rows}
 
 
 @pytest.mark.parametrize("answer", ['compensation = "?"', ""])

@@ -488,14 +488,13 @@ class TestSignTest:
     def test_its_last_step_is_a_command_that_works_as_it_stands(
         self, profile, result, tmp_path, monkeypatch
     ):
-        """Keyed in beside profile and result: without --result it was refused, where the profile
-        leaves the ends to the survey."""
+        """With profile and result as they were given, which may stand in other folders; without
+        --result it was refused, where the profile leaves the ends to the survey."""
         stepdiag(*self.arguments(profile, result), "--out", tmp_path / "bump")
         step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8").splitlines()[-1]
         words = step.split("stepdiag ")[1].partition(" (")[0].split()
         off, on = self.runs(profile, tmp_path, 1.0)
-        monkeypatch.chdir(profile.parent)
-        assert result.parent == profile.parent
+        monkeypatch.chdir(tmp_path / "bump")
         told = stepdiag(*[{"OFF.csv": off, "ON.csv": on}.get(word, word) for word in words])
         assert told.code == 0, told.refusal
 

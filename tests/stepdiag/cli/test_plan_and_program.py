@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.setups import SETUP_NAMES
 from stepdiag.base.volume import Volume
 from stepdiag.daq.survey.composed import MachineClass, begun
 from stepdiag.daq.survey.file import parse_survey
@@ -15,6 +16,7 @@ from stepdiag.exporters.files.sets import whole
 from stepdiag.solver.planning.search import ORDERS
 from stepdiag.terminal.plan_tables import lines_in_words
 from stepdiag.terminal.viewer import shown
+from stepdiag.texts.setup_words import setup_words
 from testkit.cli import stepdiag
 
 SURVEY = """\
@@ -33,6 +35,7 @@ offset_mm = [0.0, 0.0, 40.0]
 format = "umd"
 port = "/dev/null"
 """
+BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 
 
 @pytest.fixture
@@ -199,10 +202,29 @@ class TestPlan:
     @pytest.mark.parametrize(("repeats", "named"), [(1, False), (2, True)])
     def test_orders_are_named_where_several_are_driven(self, repeats, named):
         run = Run(setup="ppp", repeats=repeats, axis_orders=("xyz", "yzx", "zxy"))
-        box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
-        drives = shown(lines_in_words(Plan(volume=box, runs=(run,))))
+        drives = shown(lines_in_words(Plan(volume=BOX, runs=(run,))))
         assert ("in the orders xyz, yzx" in drives) is named
         assert "zxy" not in drives
+
+    @pytest.mark.parametrize(("count", "row"), [(4, True), (5, False)])
+    def test_a_row_names_few_lines_by_their_corners(self, count, row):
+        """Many are counted; `--verbose` names each of them."""
+        runs = tuple(Run(setup=name) for name in SETUP_NAMES[:count])
+        plan = Plan(volume=BOX, runs=runs)
+        diagonal = "diagonal X-Y+Z- to X+Y-Z+ (pnp)"
+        assert (diagonal in shown(lines_in_words(plan, by_name=False))) is row
+        assert diagonal in shown(lines_in_words(plan))
+
+    def test_many_lines_are_counted_and_named_with_verbose(self, survey):
+        """Corners of twenty lines fill half a screen; short names alone name no place."""
+        survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
+        brief, whole = (
+            " ".join(stepdiag("plan", survey, "--minutes", 240, *more).out.split())
+            for more in ((), ("--verbose",))
+        )
+        assert re.search(r"BEST SURVEY for the request: \d+ step diagonals \(", brief)
+        assert "BEST SURVEY for the request: diagonal X-Y-Z- to X+Y+Z+ (ppp), " in whole
+        assert brief.startswith("diagonal X-Y-Z- to X+Y+Z+ (ppp), "), "seven lines are few"
 
     def test_for_a_person(self, survey):
         told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
@@ -256,12 +278,11 @@ class TestPlan:
     def test_the_advice_written_is_named_in_the_order_of_the_drive(self, survey):
         """A shifted line without its usual line comes after all setups on usual lines."""
         survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
-        done = stepdiag("plan", survey, "--minutes", 240, "--apply")
+        done = stepdiag("plan", survey, "--minutes", 240, "--apply", "--verbose")
         plan = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan
         assert f"[plan] now drives {', '.join(plan.all_setups)};" in " ".join(done.refusal.split())
-        assert f"BEST SURVEY for the request: {', '.join(plan.all_setups)}" in " ".join(
-            done.out.split()
-        )
+        named = ", ".join(setup_words(each, "en") for each in plan.all_setups)
+        assert f"BEST SURVEY for the request: {named}" in " ".join(done.out.split())
         assert (plan.axis_orders, plan.alternate_orders) == (ORDERS, True)
 
     def test_writes_nothing_where_nothing_fits(self, survey):

@@ -81,6 +81,7 @@ def test_the_survey_file_of_a_proof_run_keeps_all_that_measures() -> None:
     assert (after.machine.active_date, after.machine.chain) == (date(2026, 2, 1), "XYFZ")
     assert (after.exports, after.solver.angles) == ((), "")
     assert (after.laser, after.box, after.plc) == (before.laser, before.box, before.plc)
+    assert not after.plan.propose_next, "a proof run ends with its verdict"
     assert "# the mill" in amended()
     assert parse_survey(amended(amended()), "survey.toml") == after
 

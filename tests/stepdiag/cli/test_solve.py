@@ -190,6 +190,23 @@ class TestResultTable:
             "1 note(s): --verbose prints them",
         ]
 
+    def test_of_many_findings_of_a_code_the_first_two_stand_and_the_others_are_counted(
+        self, capsys
+    ):
+        """Nine tables that end before the travel filled a screen; an error of the same code is not
+        counted among the warnings."""
+        alike = [Finding(code="a", severity="warning", text=f"axis {at}") for at in range(5)]
+        findings = (*alike, Finding(code="a", severity="error", text="worst"))
+        print_findings(findings, verbose=False)
+        assert capsys.readouterr().out.splitlines() == [
+            "ERROR   a: worst",
+            "WARNING a: axis 0",
+            "WARNING a: axis 1",
+            "3 more of a: --verbose prints them",
+        ]
+        print_findings(findings, verbose=True)
+        assert capsys.readouterr().out.count("WARNING a") == 5
+
 
 def test_help_comes_at_once():
     """Contract: under 0.25 s. What takes long to load is not loaded for it."""

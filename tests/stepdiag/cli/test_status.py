@@ -13,6 +13,8 @@ from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.log.topics import stop_note
 from stepdiag.daq.recording.rounds import FolderLock, latest_round
+from stepdiag.daq.records.status import AheadStatus
+from stepdiag.daq.service.ahead import write_ahead
 from testkit.cli import stepdiag
 from testkit.exact.captured import stops_of
 from testkit.exact.driven import Fault, Program, machine_of, recorded, survey_file
@@ -54,6 +56,14 @@ def record(
 
 def told(*arguments: object) -> dict:
     return json.loads(stepdiag("status", *arguments, "--json").out)
+
+
+def test_advice_of_a_setup_that_is_in_is_shown_no_longer(survey):
+    """The advice after the last setup takes its time, and a daemon may end before."""
+    path = record(survey, 1, stops_of())
+    for setup, shown in (("npp", "npp"), ("ppp", "")):
+        write_ahead(path.parent, AheadStatus(words=f"drive {setup}", setup=setup))
+        assert told(survey)["ahead"]["setup"] == shown
 
 
 def test_before_anything_was_recorded_everything_is_to_do(survey):

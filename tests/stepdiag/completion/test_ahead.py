@@ -116,3 +116,10 @@ def test_nothing_is_taken_where_nothing_further_is_worth_it(file, ahead):
         take(file, load_survey(file), ahead)
     assert file.read_text() == text
     assert not in_words(ahead, load_survey(file)).further
+
+
+def test_what_follows_the_next_setup_is_counted(file):
+    """One setup is taken at a time; a list of short names names no place."""
+    ahead = replace(EMPTY, runs=(SHIFTED, Run(setup="npp"), Run(setup="ppn")), end=False)
+    told = str(in_words(ahead, load_survey(file)).words)
+    assert "With 2 more after it 1.2 -> 1.1 µm, 40 min." in told

@@ -18,6 +18,7 @@ import pytest
 from stepdiag.demo import files, operator
 from stepdiag.demo.keys import Keyboard
 from stepdiag.demo.live import END, GO, KEYS, live
+from testkit.running.slaves import wait_until
 
 pytestmark = pytest.mark.system
 
@@ -37,6 +38,28 @@ def children_of(number: int) -> list[int]:
         for task in Path(f"/proc/{number}/task").iterdir()
         for child in (task / "children").read_text(encoding="ascii").split()
     ]
+
+
+def runs(number: int) -> bool:
+    """Whether a process runs; one that has ended and waits for its parent does not."""
+    try:
+        status = Path(f"/proc/{number}/status").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return False
+    return "State:\tZ" not in status
+
+
+def test_a_killed_demo_leaves_nothing_running(tmp_path):
+    """SIGKILL leaves the demo no last step: the kernel ends virtual machine and daemon with it."""
+    command = (sys.executable, "-m", "stepdiag", "demo", "--out", str(tmp_path / "demo"))
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo:
+        lines = [demo.stderr.readline() for _ in range(2)]
+        children = children_of(demo.pid)
+        demo.kill()
+        demo.wait(timeout=120)
+        wait_until(lambda: not any(runs(child) for child in children), 120.0)
+    assert lines[0] == "starting\n"
+    assert len(children) == 2
 
 
 def test_the_demo_names_its_work_at_once_and_its_end_ends_what_it_started(tmp_path):

@@ -183,7 +183,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
 )
 def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(tmp_path, named):
     """On a port of the builder's choice: nothing answers at 502, and the file would name a control
-    that is not there."""
+    that is not there. A wrong address is put right at the same question."""
     file, closed = tmp_path / "mill.toml", reserved_port()
     laser = ("--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--seconds", 1)
     usual = (
@@ -196,20 +196,22 @@ def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
         "--chain",
         "FXYZ",
         "--host",
-        "127.0.0.1",
+        "control.invalid",
     )
     with (
         hall(tmp_path) as place,
         at_a_terminal("setup", file, *laser, *VOLUME, *usual, *named) as person,
     ):
-        person.answers("TCP port of the control", "far away")
-        person.answers("expected a whole number", str(closed))
+        person.answers("TCP port of the control", "99999")
+        person.answers("expected a TCP port", "127.0.0.1")
+        person.answers("TCP port of the control", str(closed))
         person.answers("TCP port of the control", str(modbus_port(place)))
         if not named:
             person.answers("Kind of control", "modbus")
         person.leaves()
         survey = load_survey(file)
-    assert (survey.plc.transport, survey.plc.tcp_port) == ("tcp", modbus_port(place))
+    plc = survey.plc
+    assert (plc.transport, plc.host, plc.tcp_port) == ("tcp", "127.0.0.1", modbus_port(place))
 
 
 def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path, monkeypatch):
