@@ -40,7 +40,7 @@ class DiagonalData:
 
     ``by_position_um`` (diagonal, axis, n+1): deviation of the moves of an axis, cumulated by
     position. ``end_um`` (diagonal,): deviation from start to end in the direction of travel.
-    ``passes`` (diagonal,): how many passes were averaged.
+    ``passes`` (diagonal,): the number of averaged passes.
     """
 
     volume: Volume
