@@ -137,8 +137,9 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
 
 
 def _without_remarks(line: str) -> str:
-    """Return a line without what stands between ``/*`` and the next ``*/``; a remark that is not
-    closed stays."""
+    """Return a line without the text from ``/*`` to the next ``*/``; a remark without an end
+    stays.
+    """
     kept, at = [], 0
     while (begin := line.find("/*", at)) >= 0 and (end := line.find("*/", begin + 2)) >= 0:
         kept.append(line[at:begin])
@@ -260,7 +261,7 @@ def _whole(file: ControlFile, values: Values, key: str, default: int | None = No
 
 
 def _count(file: ControlFile, values: Values, key: str) -> int:
-    """Return a number of points; a list cannot hold more than it has lines."""
+    """Return a number of points; a list cannot have more points than lines."""
     count = _whole(file, values, key)
     if not 0 <= count <= len(values):
         raise DataError(

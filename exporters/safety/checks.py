@@ -33,8 +33,9 @@ _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Everything the checks look at. ``previous`` are the tables in the control now, as far as the
-    profile gives them."""
+    """Everything that the checks need. ``previous`` are the tables in the control now, as far as
+    the profile gives them.
+    """
 
     controller: Controller
     profile: Profile
@@ -53,7 +54,7 @@ Check = Callable[[Case], Iterator[Finding]]
 
 
 def check_finite(case: Case) -> Iterator[Finding]:
-    """1: finite values, ascending positions."""
+    """Check 1: finite values, ascending positions."""
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
             yield finding("error", message("file-unsound.number", label=table.label))
@@ -62,7 +63,7 @@ def check_finite(case: Case) -> Iterator[Finding]:
 
 
 def check_values(case: Case) -> Iterator[Finding]:
-    """2: the size of the correction, and what the control itself can hold."""
+    """Check 2: the size of the correction, and the largest value of the control."""
     for table in case.tables:
         limits = case.profile.limits.at(_travel_mm(table))
         largest = float(np.max(np.abs(_net_um(case, table))))
@@ -82,8 +83,8 @@ def check_values(case: Case) -> Iterator[Finding]:
 
 
 def check_change(case: Case) -> Iterator[Finding]:
-    """3: the change against the previous tables of the same function. `standing` judges the old
-    tables beside it.
+    """Check 3: the change against the previous tables of the same function. `standing` judges the
+    old tables beside it.
 
     A table of zeros is no previous table: the first compensation of a machine is judged by its size
     alone (check 2).
@@ -99,7 +100,7 @@ def check_change(case: Case) -> Iterator[Finding]:
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
-    """4: change per mm, and from point to point as far as the control limits it."""
+    """Check 4: change per mm, and from point to point if the control limits it."""
     for table in case.tables:
         own = case.controller.limits(table, case.profile)
         spacing = np.diff(table.position_mm)
@@ -129,7 +130,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
 
 
 def check_points(case: Case) -> Iterator[Finding]:
-    """5: number of points, and of tables of a kind."""
+    """Check 5: number of points, and of tables of a kind."""
     for kind in sorted({table.kind for table in case.tables}):
         of_kind = [table for table in case.tables if table.kind == kind]
         held = case.controller.limits(of_kind[0], case.profile).tables
@@ -165,7 +166,9 @@ def check_points(case: Case) -> Iterator[Finding]:
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
-    """6: zero at the reference position, or the axis jumps when the table becomes active."""
+    """Check 6: zero at the reference position; otherwise the axis jumps when the table becomes
+    active.
+    """
     for table in case.tables:
         if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
             continue  # a product is zero where its lever is, which is another axis
@@ -186,7 +189,7 @@ def check_reference(case: Case) -> Iterator[Finding]:
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
-    """7: the table covers the travel of its axis, or holds its end values beyond it."""
+    """Check 7: the table covers the travel of its axis, or holds its end values beyond it."""
     for table in case.tables:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
@@ -212,7 +215,7 @@ def check_travel(case: Case) -> Iterator[Finding]:
 
 
 def check_units(case: Case) -> Iterator[Finding]:
-    """8: the unit system of the control."""
+    """Check 8: the unit system of the control."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
         yield finding(
             "error",
@@ -223,7 +226,7 @@ def check_units(case: Case) -> Iterator[Finding]:
 
 
 def check_axes(case: Case) -> Iterator[Finding]:
-    """9: every axis has a name of its own."""
+    """Check 9: every axis has a name of its own."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield finding(
@@ -232,7 +235,7 @@ def check_axes(case: Case) -> Iterator[Finding]:
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
-    """12: reversal error in the tables and in the backlash parameter at the same time."""
+    """Check 12: reversal error in the tables and in the backlash parameter at the same time."""
     both = (
         table for table in case.tables if table.direction and table.input_axis == table.output_axis
     )
@@ -256,8 +259,8 @@ def check_reversal(case: Case) -> Iterator[Finding]:
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
-    """13: the solver's findings about the data, and the correction against repeatability and its
-    own uncertainty.
+    """Check 13: the solver's findings about the data, and the correction against repeatability and
+    its own uncertainty.
     """
     for each in case.result.findings:
         if each.severity == "error":
@@ -280,8 +283,9 @@ def check_quality(case: Case) -> Iterator[Finding]:
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
-    """14: a sign test that contradicts the sense of a table. Without a test the file names state it
-    instead."""
+    """Check 14: a sign test that contradicts the sense of a table. Without a test the file names
+    state it instead.
+    """
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
@@ -320,7 +324,7 @@ def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, .
 
 
 LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_units)
-"""The checks that need nothing but a table, its control and a profile."""
+"""The checks that need only a table, its control and a profile."""
 
 
 def limit_findings(
@@ -341,8 +345,9 @@ def limit_findings(
 
 
 def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
-    """11: what the control reads from the bytes is what was planned, to half a unit at every
-    point."""
+    """Check 11: the contents that the control reads from the bytes are the planned ones, to half a
+    unit at every point.
+    """
     for table in planned:
         alike = [
             [other for other in tables if (other.name, other.kind) == (table.name, table.kind)]

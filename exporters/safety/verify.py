@@ -113,8 +113,9 @@ class Prediction:
 
     @property
     def worse(self) -> bool:
-        """Return whether the machine errs more with the files than without, rigid motion
-        removed."""
+        """Return whether the error of the machine is larger with the files than without, rigid
+        motion removed.
+        """
         before, after = self.figures(rigid_motion=False)
         return after.largest_um > before.largest_um
 

@@ -1,4 +1,4 @@
-"""Forecasts of the planner as tables that a person reads in a terminal."""
+"""Forecasts of the planner as tables for a terminal."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ from stepdiag.solver.planning.planner import Advice, Forecast
 from stepdiag.terminal.viewer import empty_table, shown
 
 FEW = 7
-"""So many lines fit by name into two lines of a terminal."""
+"""Largest number of lines whose names fit into two lines of a terminal."""
 KINDS = {
     "step": message("kind-step"),
     "body": message("kind-body"),
@@ -45,8 +45,9 @@ def in_words(forecast: Forecast) -> Words:
 
 
 def _slips(ahead: Foresight) -> Iterator[Words]:
-    """Yield how large a slip of the laser's count may be without being noticed, and what it makes;
-    nothing without a diagonal."""
+    """Yield the size of a slip of the laser's count that may stay unnoticed, and its effect;
+    nothing without a diagonal.
+    """
     if ahead.unseen is not None:
         nearly_um = ahead.unseen.nearly_um
         yield (
@@ -58,7 +59,8 @@ def _slips(ahead: Foresight) -> Iterator[Words]:
 
 def forecast_table(forecast: Forecast) -> Table:
     """Return the expanded uncertainty of every quantity; a quantity that the survey does not
-    identify is named as such."""
+    identify is marked.
+    """
     table = empty_table(message("table-forecast"))
     rows = (
         (message("row-positioning"), ("EXX", "EYY", "EZZ"), "µm"),
@@ -102,8 +104,9 @@ def _resolved(forecast: Forecast) -> Message:
 
 
 def front_table(advice: Advice, *, verbose: bool) -> Table:
-    """Return one row a survey that is worth its time, its lines by name where ``verbose``; below it
-    the limits of control and head."""
+    """Return one row per survey that is worth its time, its lines by name if ``verbose``; below it
+    the limits of control and head.
+    """
     table = empty_table(message("table-front"))
     for each in advice.front:
         table.add_row(
@@ -116,8 +119,9 @@ def front_table(advice: Advice, *, verbose: bool) -> Table:
 
 
 def diagonals_in_words(advice: Advice) -> Message | None:
-    """Return the diagonals of the surveys in the list by their corners, the short name beside them;
-    None without a diagonal."""
+    """Return the diagonals of the surveys in the list by their corners, with the short name; None
+    without a diagonal.
+    """
     plans = [advice.forecast.plan, *(each.plan for each in advice.front)]
     lines = {setup_of(setup_of(run.setup).base) for plan in plans for run in plan.runs}
     diagonals = [line for line in lines if not line.axis]
@@ -139,8 +143,9 @@ def _head(advice: Advice) -> Iterator[Message]:
 
 
 def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
-    """Return what a plan drives: its setups with their shifts, or how many of each kind where there
-    are many, and how."""
+    """Return the runs of a plan: its setups with their shifts, or the number of each kind if there
+    are many, and the way of driving.
+    """
     lines = [_line(run) for run in plan.runs] if by_name or len(plan.runs) <= FEW else _kinds(plan)
     orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
     first = plan.runs[0]

@@ -218,8 +218,8 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
 
 
 def _acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` counts for the judgement of ``other``: the same function, and for a
-    curve the effect of products along its axis.
+    """Return whether ``one`` is judged together with ``other``: the same function, and for a curve
+    the products that move along its axis.
 
     Products of a function and lever count together, in any place: a new product may do the work of
     an old product under other numbers.
