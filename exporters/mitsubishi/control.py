@@ -206,8 +206,8 @@ def _data_numbers(table: Table) -> range:
 
 
 def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile) -> None:
-    """Refuse a new pair over data of an own pair with another number: after typing them back, they
-    would be active for both.
+    """Refuse a new pair whose data numbers overlap those of an own pair with another number: after
+    the own data are typed back, they would be active for both pairs.
     """
     pairs = {table.place["pair"] for table in own}
     for table in new:

@@ -2,8 +2,8 @@
 
 An error refuses the export. A warning refuses the export too unless its code is accepted by name.
 Findings that never refuse are in ``remarks``. Numbers in the docstrings are those of controllers.md
-10; 1 (grid), 5 (overlap) and 9 (axes) are in part made where the numbers arise: in the profile and
-in the controller modules.
+10; checks 1 (grid), 5 (overlap) and 9 (axes) are partly made where the numbers arise: in the
+profile and in the controller modules.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -33,8 +33,8 @@ _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Everything that the checks need. ``previous`` are the tables in the control now, as far as
-    the profile gives them.
+    """Everything that the checks need. The ``previous`` tables are those in the control now, as far
+    as the profile states them.
     """
 
     controller: Controller
@@ -83,8 +83,8 @@ def check_values(case: Case) -> Iterator[Finding]:
 
 
 def check_change(case: Case) -> Iterator[Finding]:
-    """Check 3: the change against the previous tables of the same function. `standing` judges the
-    old tables beside it.
+    """Check 3: the change against the previous tables of the same function. The module `standing`
+    judges the other old tables.
 
     A table of zeros is no previous table: the first compensation of a machine is judged by its size
     alone (check 2).
@@ -259,8 +259,8 @@ def check_reversal(case: Case) -> Iterator[Finding]:
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
-    """Check 13: the solver's findings about the data, and the correction against repeatability and
-    its own uncertainty.
+    """Check 13: the solver's findings about the data, and the size of the correction relative to
+    repeatability and its own uncertainty.
     """
     for each in case.result.findings:
         if each.severity == "error":
@@ -283,8 +283,8 @@ def check_quality(case: Case) -> Iterator[Finding]:
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
-    """Check 14: a sign test that contradicts the sense of a table. Without a test the file names
-    state it instead.
+    """Check 14: a sign test that contradicts the sense of a table. Without a test, the file names
+    carry a warning instead.
     """
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
@@ -317,8 +317,9 @@ CHECKS: tuple[Check, ...] = (
 
 
 def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, ...]:
-    """Return every error and every warning; tables that are not finite or not ascending are beyond
-    any further check."""
+    """Return every error and every warning; for tables that are not finite or not ascending, no
+    further check is made.
+    """
     broken = tuple(check_finite(case))
     return broken or tuple(one for check in checks for one in check(case))
 
@@ -345,8 +346,8 @@ def limit_findings(
 
 
 def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
-    """Check 11: the contents that the control reads from the bytes are the planned ones, to half a
-    unit at every point.
+    """Check 11: the values that the control reads from the bytes are the planned values, within
+    half a unit at every point.
     """
     for table in planned:
         alike = [
@@ -360,8 +361,8 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
-    """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that
-    is not accepted.
+    """Raise ``SafetyError`` with the key of the first finding that is an error or a warning without
+    acceptance.
     """
     refusing = [item for item in findings if item.severity != "info"]
     open_findings = [
@@ -413,8 +414,8 @@ def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
 
 
 def _travel_mm(table: Table) -> float:
-    """Return the travel of the growth of a table's errors: its own, or that of the lever of its
-    angle.
+    """Return the travel over which the errors of a table grow: the travel of its own axis, or of
+    the lever of its angle.
     """
     spans = (
         [table.position_mm]
@@ -433,11 +434,11 @@ def _measured_mm(result: Result, table: Table) -> float:
 
 
 def _net_um(case: Case, table: Table) -> Vector:
-    """Return what acts at the points of a table: with what angles beside it do there, whose levers
-    count from the zero of the axes.
+    """Return the correction at the points of a table together with that of the angles at the same
+    axis, whose levers count from the zero of the axes.
 
-    Far from that zero such a column and its angle are large and nearly cancel; the axis moves by
-    what is left, here in the middle of the volume and from the reference.
+    Far from this zero, such a column and its angle are large and nearly cancel each other; the axis
+    moves by the difference, here in the middle of the volume and relative to the reference.
     """
     turns = [
         each

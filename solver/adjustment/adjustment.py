@@ -328,7 +328,8 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _open_beside(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the explanations outside the model left open.
+        """Return the fit in which the explanations outside the model may have any size up to their
+        spread.
 
         The fit has growth and scales of all setups no larger than usual: these explain a length as
         well as any explanation does. Each cause keeps its size: growth found anew would leave the

@@ -86,8 +86,9 @@ def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Among:
-    """A C A' among the rows of a count, shape (k, k): ``alike``, with ``above`` its diagonal,
-    beside ``across own' + own across'``."""
+    """A C A' among the rows of a count, shape (k, k): The blocks on the diagonal are ``alike``,
+    with ``above`` on their upper side; ``across own' + own across'`` is added to both.
+    """
 
     alike: Vector
     above: Vector

@@ -120,8 +120,8 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
-    """Return the effect of one unit of every cause on a drift from the first to the last of some
-    readings, shape (causes,).
+    """Return the effect of one unit of every cause on the drift between the first and the last of
+    some readings, shape (causes,).
     """
     kinds = np.repeat(
         [effect.name in IN_TIME for effect in found.effects],
@@ -287,8 +287,8 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
 
 
 def _stated_um(found: Adjustment, index: int) -> float:
-    """Return the root mean square of the uncertainties stated by the readings of a setup; infinite
-    where one of them states none.
+    """Return the root mean square of the uncertainties that the readings of a setup state; infinite
+    if one reading states none.
     """
     stated = found.layout.u_um[found.layout.setup_index == index]
     return float(np.sqrt(np.mean(stated**2))) if np.all(np.isfinite(stated)) else np.inf
@@ -366,8 +366,8 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
 
 
 def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
-    """Return an error for the machine, and for each setup, whose scatter is a mistake and not the
-    machine's: its cause must be removed first.
+    """Return an error for the machine, and for each setup, whose scatter is too large for any
+    machine: its cause must be removed first.
     """
     repeats_um, times = scatter.repeatability_um, FAR_NOISE
     found = (

@@ -166,8 +166,8 @@ def log_prior(kind: str, many: int) -> float:
 
 
 def visible(seen: Vector, whole: Vector) -> Vector:
-    """Return the seen part of patterns, 0 where it is negligible relative to the ``whole``, shapes
-    (c,).
+    """Return the seen part of each pattern, set to 0 where it is negligible relative to the
+    ``whole``, shapes (c,).
     """
     return np.where(seen > HIDDEN * np.maximum(whole, np.finfo(np.float64).tiny), seen, 0.0)
 

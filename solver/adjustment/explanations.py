@@ -89,9 +89,7 @@ class Explained:
 
     @property
     def grows(self) -> bool:
-        """Return whether growth beyond the usual is the explanation, and no setup of another
-        scale.
-        """
+        """Return whether unusual growth is the explanation, and not a setup with another scale."""
         return self.growth > ODDS * self.of_kind(SCALE)
 
     @property
@@ -101,7 +99,9 @@ class Explained:
 
     @property
     def unnamed_with_growth(self) -> bool:
-        """Return whether these and growth are more probable than not, and none is named."""
+        """Return whether setups, products and growth together are more probable than not, and none
+        is named.
+        """
         return float(np.sum(self.share)) + self.growth > 0.5 and not (self.names or self.grows)
 
     @property

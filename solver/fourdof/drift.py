@@ -28,9 +28,10 @@ MOST_BENDS = 40
 rough, not the rest of a slow drift.
 """
 BENDS_COUNT = 0.1
-"""Share of the bends that counts: the rest of a drift is bent alike from stop to stop. With half of
-them the most likely drift is too smooth (one way over 8 m, 1.7 urad of noise: 83 % of the values
-within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with none).
+"""Share of the bends that counts as evidence: neighbouring stops share most of the bend of a
+remaining drift. With half of them the most likely drift is too smooth (one way over 8 m, 1.7 urad
+of noise: 83 % of the values within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with
+none).
 """
 BENDS_SHARE = 1.94
 """Second differences of white noise have correlations of -2/3 and 1/6: 1 + 2 (4/9 + 1/36), the
@@ -78,11 +79,11 @@ def slow_drift(
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of the quick rest that moves the spot too and so is not noise, and its
-    uncertainty, shapes (N,).
+    """Return the part of the fast residual that also moves the spot, so that it is no noise, and
+    the uncertainty of this part, shapes (N,).
 
-    If a part g of the rest belongs to the beam, the spot's bends are g times lever times the bends
-    of the rest: a regression gives g.
+    If a part g of the rest belongs to the beam, the bends of the spot are g times the lever times
+    the bends of the rest: a regression gives g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)

@@ -10,7 +10,7 @@ detector (PSD2) by ``+a``. Hence
 
 and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is
 corrected: air that bends the beam on the way bends the returning beam for PSD1 too and stays in the
-result. A parallel shift of the beam stays too: half of the shift.
+result. Half of a parallel shift of the beam also stays in the result.
 """
 
 from dataclasses import dataclass, field

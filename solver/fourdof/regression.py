@@ -49,8 +49,8 @@ dead path of the lever in mm.
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
 """First index of each detector's gains, and of the lever, among `FIELDS`."""
 MOST_ROLL_MRAD = 500.0
-"""Beyond this roll the detector's axes differ from the survey file; no mounting turns the detector
-so far.
+"""A larger roll means that the detector's axes are not those of the survey file; no mounting turns
+the detector so far.
 """
 MOST_U_GAIN = 0.02
 """Standard uncertainty of a gain beyond which the wobble or the jogs were too small: the limit
@@ -290,7 +290,7 @@ def _start(stands: Stands) -> Vector:
 
 
 def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
-    """Return values (N, 2) less their mean over the used rows of each end."""
+    """Return values (N, 2) minus their mean over the used rows of each end."""
     count = np.maximum(np.bincount(stands.end, weights=used), 1.0)
     means = [np.bincount(stands.end, weights=used * column) / count for column in values.T]
     centred: Vector = values - np.array(means).T[stands.end]

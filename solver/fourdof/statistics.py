@@ -167,9 +167,9 @@ def compare(
 ) -> Comparison:
     """Return measured minus reference, the reference read linearly between its own positions.
 
-    With ``line`` both are first freed of their own reference line, as straightness is; without it
-    (angles) of their value at the first common position. Only positions within the reference are
-    used; fewer than two are refused (DataError).
+    With ``line`` each of the two has its own reference line removed, as for straightness; without
+    it (angles), its value at the first common position is removed. Only positions within the
+    reference are used; fewer than two are refused (DataError).
     """
     position, ours = (
         np.asarray(position_mm, dtype=np.float64),

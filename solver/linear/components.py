@@ -15,24 +15,27 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit, MixedFit
 
 ROUNDS, ROUNDS_NEAR = 40, 4
-"""Numbers of iterations: the second for a search that begins near its end and continues with the
-next weights.
+"""Numbers of iterations; the second number applies to a search that begins near its end and
+continues with the next weights.
 """
 LARGEST_STEP = 1.5
 SETTLED = 1e-3
 FURTHEST = 7.0
 """Sizes stay within a factor e^7 of the usual: beyond, the logarithm has no information."""
 HEAD, TAIL = 0.5, 4.0
-"""Powers of the size at the beginning and in the tail of the prior of its logarithm: one in four
-below a tenth of the usual size, half below 0.47 of it, one in twenty beyond three times.
+"""Powers of the size at the beginning and in the tail of the prior of its logarithm: a quarter of
+the prior lies below a tenth of the usual size, half below 0.47 of it, one twentieth above three
+times the usual size.
 """
 _LEAST_CURVED = 0.1
 _NOTHING, _EXPLAINED = 1e-12, 1e-6
-"""Residuals that count as zero, and the share of a square sum below which no explanation goes:
-rounding.
+"""Residuals that count as zero, and the smallest share of a square sum that an explanation can
+leave: below it only rounding is left.
 """
 _MUCH_SMALLER = 0.5
-"""Share of the degrees of freedom: square sums of good surveys lie above it."""
+"""Share of the degrees of freedom below which a square sum is unusual: those of good surveys lie
+above it.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +95,7 @@ def scored(
 
 
 def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
-    """Return the fit with sizes multiplied by a factor each."""
+    """Return the fit in which each size is multiplied by a factor of its own."""
     return MixedFit(mixed.fixed, mixed.causes, mixed.size * factor)
 
 
@@ -111,9 +114,9 @@ def gained(fit: AnyFit, left: Vector | float) -> Vector:
     """Return twice the gain in log-likelihood for a fall of the weighted square sum of the
     residuals to ``left``.
 
-    The noise of all weights may be smaller by a common factor without the fault that enlarged the
-    square sum (profile likelihood). If the residuals are much smaller than their weights, no fault
-    enlarged them: the weights are kept.
+    If the fault that enlarged the square sum is removed, the noise of all weights may be smaller by
+    a common factor (profile likelihood). If the residuals are much smaller than their weights
+    state, no fault enlarged the square sum: the weights are kept.
     """
     whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
     within = np.clip(left, _EXPLAINED * whole, whole)

@@ -34,7 +34,7 @@ class Blocks:
 
     @property
     def count(self) -> int:
-        """Return how many blocks stand before the border."""
+        """Return the number of blocks before the border."""
         return len(self.edges) - 1
 
 

@@ -27,16 +27,17 @@ CLASS_SPREAD = 0.6
 a third of the usual and three times it, the ratio of good and old machines (docs/uncertainty.md).
 """
 ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
-"""Figures of hidden waves: the share of machines without waves, the size of their rest, and the
-range of the others: ball screws of 0.5 to 3 um.
+"""Figures of hidden waves: the share of machines without waves, the size of the remaining waves in
+these machines, and the range of sizes in the others (ball screws of 0.5 to 3 um).
 """
 _FINE = 281
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A group's independent directions: ``direction`` (q, k) moves all amounts, with the other
-    groups adapting; ``seen`` and ``shown`` (k,).
+    """A group's independent directions: ``direction`` (q, k) is the change of all amounts for one
+    unit along each direction, including the reaction of the other groups; ``seen`` and ``shown``
+    (k,).
 
     ``factor`` (points,): equally likely sizes, relative to the estimated size.
     """
@@ -155,7 +156,7 @@ def class_factors() -> Vector:
     """Return equally likely sizes, relative to the usual size, of a machine's unmeasured errors: a
     common size for all, shape (points,).
 
-    They are in an order of their own: their pairing with `likely_factors` has no meaning.
+    Their order is their own: the order of `likely_factors` has no relation to it.
     """
     found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[
         np.arange(POINTS) * (POINTS // 2) % POINTS

@@ -45,7 +45,7 @@ class Fit:
 
     @property
     def packed(self) -> Packed:
-        """Return the rows in pieces: for products with many columns."""
+        """Return the rows in pieces, for products with many columns."""
         return self.inverse.packed
 
     @property

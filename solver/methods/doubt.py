@@ -23,7 +23,9 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
 
 ALONE = 100.0
-"""At this multiple of its remaining size an explanation explains as much as it can."""
+"""At this multiple of its remaining size, an explanation can take its full effect on the
+readings.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +45,9 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on a survey with an error that cannot be named: the possible errors, the
     most probable first, the effect of each on the volume, and the setup that separates them.
 
-    Growth is usual: if it may be the cause, the finding needs a candidate with which the
-    compensation leaves more error than it removes. None where the lengths contradict each other by
-    more than chance: `scale_findings` then names all candidates.
+    Growth is usual: if it may be the cause, the finding appears only if the compensation would
+    leave more error than it removes for one of the candidates. None where the lengths contradict
+    each other by more than chance: `scale_findings` then names all candidates.
     """
     setups = found.explained.unnamed
     if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):

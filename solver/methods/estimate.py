@@ -89,8 +89,8 @@ class Estimate:
 
     @property
     def gain(self) -> Vector:
-        """Return the linear operator (q, m): quantities = gain @ deviation_um. 200,000 Monte Carlo
-        trials are a single product with it.
+        """Return the linear operator (q, m), quantities = gain @ deviation_um: with it, 200,000
+        Monte Carlo trials are a single product.
         """
         fit = self.adjustment.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
@@ -270,8 +270,8 @@ def _over_the_volume(
 
 
 def _barely_seen(done: Estimate) -> Spread:
-    """Return the covariances, with the usual sizes for quantities that the readings determine less
-    well.
+    """Return the covariances, in which quantities have their usual sizes where the readings
+    determine them less well.
     """
     determined = identified(done.quantities, done.adjustment.fit.inverse, {})
     kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}

@@ -33,9 +33,9 @@ NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 reported: two.
 """
 LIKELY = 0.8
-"""Probability that the waves between the nodes are no larger than assumed, by the differences among
-a head's values. With this value, 6 of 180 exact surveys were contradictions (12 with 0.5), none for
-waves no smaller than `BENT`; from 0.95 on, wrong signs begin to be hidden.
+"""Probability, by the differences among a head's values, that the waves between the nodes are no
+larger than assumed. With this value, 6 of 180 exact surveys were contradictions (12 with 0.5), none
+for waves no smaller than `BENT`; from 0.95 on, wrong signs begin to be hidden.
 """
 BENT = 2.0 / 8.0
 """In the middle between two nodes a function leaves the straight line by this share of its second
@@ -173,8 +173,8 @@ def head_report(
 @dataclass(frozen=True, eq=False)
 class _Checked:
     """A fit that compares the head's values with all others, the fit of each function's values
-    ``alone``, and the factor by which each cause (q,) is smaller ``as_usual``. Waves between the
-    nodes are those at the head's positions.
+    ``alone``, and the factor by which each cause (q,) is reduced to its usual size (``as_usual``).
+    Waves between the nodes are those at the head's positions.
     """
 
     fit: MixedFit
@@ -226,8 +226,8 @@ def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | N
     """Return chi-square of the difference between the rows (``alone``) and all ``others``, or of
     the rows among themselves if larger, over its chance limit; None with too few checked rows.
 
-    In a common sum, passes that agree with each other would hide their difference from the other
-    passes.
+    A common sum over all passes would hide a difference between passes that agree with each other
+    and the other passes.
     """
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(

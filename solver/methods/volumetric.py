@@ -162,8 +162,8 @@ def _offset(
     errors: Mapping[str, Function],
     known: Mapping[str, bool],
 ) -> Vector:
-    """Return the expected state of the machine relative to the report: only unidentified values are
-    left out there.
+    """Return the expected difference between the machine and the report: it consists only of
+    unidentified values, which the report leaves out.
 
     Of a positioning function without an identified slope, the rest is reported nevertheless.
     """
@@ -195,9 +195,9 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     line in the middle between two targets.
 
     The bends of its values from target to target, beyond their noise, give the size within a
-    factor. Waves without a trace at the targets are assumed in the positioning functions (screw,
-    scale): no reading gives their size or their presence. If a finer run shows such waves of a
-    function, the others may have them as well.
+    factor. Waves that leave no trace at the targets are assumed in the positioning functions
+    (screw, scale), because no reading gives their size or excludes them. If a finer run shows such
+    waves of a function, the others may have them as well.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = (
@@ -302,8 +302,8 @@ def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, floa
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:
-    """Return the volumetric uncertainty as found and with all angular functions known to
-    `HEAD_URAD`.
+    """Return the volumetric uncertainty as found, and the same with all angular functions known
+    within `HEAD_URAD`.
 
     Unidentified quantities have their usual size (`with_the_usual`), as in ``now_um``: without it
     they would be those of an arbitrary solution.

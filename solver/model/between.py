@@ -96,7 +96,7 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
 
 
 def effect_between(layout: Layout, between: Between) -> Effect:
-    """Return the effect on the readings, one column a cause."""
+    """Return the effect on the readings, one column for each cause."""
     off = _off_nodes(layout)
     pattern = np.zeros((len(layout), between.count))
     for name in between.names:
@@ -203,8 +203,8 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    """Return the stored position for each wanted value: the position at or before it, since the
-    least of equal positions is stored.
+    """Return for each wanted value the stored position at or before it: of equal positions the
+    smallest is stored.
     """
     found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

@@ -146,11 +146,11 @@ def effects_of(
 
 
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
-    """Return the spot formula (theory 4.3) for functions of unknown size, and for their short
-    waves, of unknown smoothness.
+    """Return the effects of the spot formula (theory 4.3) for functions of unknown size, and of
+    their short waves, whose smoothness is unknown.
 
-    With a common size, the absence of short waves, which readings show best, would make the long
-    waves small.
+    With a common size for both, the absence of short waves, which the readings show best, would
+    also make the long waves small.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))

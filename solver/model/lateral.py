@@ -193,7 +193,7 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
     """Return the effect of the known rotations of the axis on the measured values, shape (k,),
-    except for a straight line, which the values may contain.
+    without its straight line, which the values may contain.
     """
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)

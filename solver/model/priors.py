@@ -22,9 +22,9 @@ above rounding.
 DRIFT_UM = 1.0
 """Standard uncertainty of the drift in an outward pass and its return, before the data."""
 REVERSAL_CHANGE_UM = 2.0
-"""Standard uncertainty of the change of reversal from end to end of an axis, before the data. Drift
-and a reversal that grows along the axis look alike between the outward pass and its return: neither
-is assumed smaller than this, because the other would then absorb it.
+"""Standard uncertainty of the change of reversal from end to end of an axis, before the data.
+Between an outward pass and its return, drift and a reversal that grows along the axis have the same
+effect: neither is assumed smaller than this value, because the other would then absorb it.
 """
 
 
@@ -71,9 +71,10 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     change of reversal along an axis, and for the misses of moves (1 um each:
     `solver.adjustment.scatter` estimates their size).
 
-    A function given with an uncertainty may differ by it, a function given without one may not.
-    Other functions are not unknowns of the rows but effects (`solver.model.effects`);
-    ``free_angles`` leaves them free, to test whether the rows determine them.
+    A function given with an uncertainty may differ by this uncertainty, a function given without
+    one may not differ. Other functions are not unknowns of the rows but effects
+    (`solver.model.effects`); ``free_angles`` leaves them free, to test whether the rows determine
+    them.
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []

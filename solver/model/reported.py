@@ -101,8 +101,8 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
 
 
 def identified(found: Quantities, inverse: Inverse, usual: Mapping[str, float]) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine it fully, and better than ``usual``
-    for a machine of its class.
+    """Return for every quantity whether the readings determine it fully, and with an uncertainty
+    below the ``usual`` size for a machine of its class.
 
     ``usual`` holds usual sizes by name, in the units of the quantities; a name without a size needs
     only to be determined. A positioning function with its slope is identified if its shape and its

@@ -143,8 +143,9 @@ def wang2000(data: DiagonalData) -> VectorSolution:
 
 
 def least_squares(data: DiagonalData) -> VectorSolution:
-    """Return the least squares of all four equations with end-point lines removed, and the 4-term
-    squareness (theory E5, E14)."""
+    """Return the least-squares solution of all four equations, with end-point lines removed, and
+    the 4-term squareness (theory E5, E14).
+    """
     size, diagonal = _sizes(data.volume)
     error = (
         np.einsum("dc,dan->can", SIGNS, data.by_position_um) * diagonal / (4 * size[:, None, None])

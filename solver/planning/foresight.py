@@ -43,9 +43,9 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""Residue between the smooth curve through n + 1 targets and the straight lines of tables, for
-functions of five half waves that decrease with their number, over shape / n^2 (root mean square
-over the travel; measured on drawn functions).
+"""Root mean square (over the travel) of the residue between the smooth curve through n + 1 targets
+and the straight lines of tables, divided by shape / n^2; measured on drawn functions of five half
+waves that decrease with their number.
 """
 _OF_FEW = {
     1: (0.93, 0.0),
@@ -55,8 +55,8 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Largest values of both over shape, for few increments: there the powers give up to twice the
-residue of drawn functions over the volume.
+"""Largest ratio of both residues to the shape, for few increments: there the power laws give up to
+twice the residue of drawn functions over the volume.
 """
 ALIKE = 0.2
 """Standard deviation of the logarithm of the joint residue of nine drawn functions of one shape
@@ -138,8 +138,8 @@ class Foresight:
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return the usual rows of the unidentified errors, and the root mean square of these over
-        the volume.
+        """Return the usual rows of the unidentified errors, and the root mean square of these
+        errors over the volume.
         """
         missing = np.array(
             [not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_
@@ -235,8 +235,8 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return a function's residue from the smooth curve through its targets, and from straight
-    lines, over its shape.
+    """Return two residues of a function between its targets, each divided by its shape: from the
+    smooth curve through the targets, and from straight lines.
     """
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
@@ -269,7 +269,7 @@ def _left_um(
     """Return median and 95 % of the remaining error, over the likely sizes of angles and hidden
     waves and over machines.
 
-    Root mean squares over the volume: the identified part, the missed part, the usual effect of
+    Root mean squares over the volume of: the identified part, the missed part, the usual effect of
     angles, the usual waves between targets, and the residue of tables between targets; and the
     degrees of freedom of their sum. The residue of tables between the targets depends on the shapes
     still to be measured: the shapes of a class of machine are alike within `ALIKE`.

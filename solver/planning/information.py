@@ -17,8 +17,8 @@ the precision Q of the usual sizes of the machine's class the covariance of m is
 .. + Q)^-1``: an inversion of some 190 unknowns, a millisecond, gives the survey's remaining
 uncertainty. Q limits every function to its usual size, so a further setup never makes C larger.
 
-The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square ``tr(C H) +
-floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
+The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square is ``tr(C H)
++ floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
 axis: with the projection T of a field on the space of tables, ``H = K F T F' K'``, and the floor is
 the remaining effect of the usual angular functions for any drive. A lattice has no floor.
 """
@@ -280,8 +280,8 @@ def _fields(
 def determined(
     found: SetupInformation, information: Vector, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return by name whether a survey determines a quantity, and better than its ``usual`` size, if
-    the angles were known.
+    """Return by name whether a survey with known angles would determine a quantity, and with an
+    uncertainty below its ``usual`` size.
 
     In um, urad, um/m. If displacements may have any size, an undetermined part has this
     uncertainty.

@@ -8,10 +8,10 @@ lowers the mean square ``tr(C H)`` over the volume by
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
 which is computed for all possible lines at once. Minutes come from the user: the first line of a
-setup costs its setting up, a further line of the same travel the shift. Number of passes, orders of
-axes, number of increments and dwell of all lines are chosen for the lines found, and the exchange
-continues from there. Lines are compared with few increments (`COARSE`): their order does not depend
-on the number of increments.
+setup costs its setting up, a further line of the same travel the shift. The search chooses the
+number of passes, the orders of axes, the number of increments and the dwell of all lines for the
+lines found, and then continues the exchange. Lines are compared with few increments (`COARSE`):
+their order does not depend on the number of increments.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -53,7 +53,9 @@ KEPT = 2
 _NOTHING = 1e-10
 """Share of the largest part of the mean square below which a part is rounding."""
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which a line adds nearly nothing to the usual sizes: 30 um."""
+"""Precision (1 / um^2) below which a line adds nearly no information to the usual sizes: it
+corresponds to 30 um.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,8 +371,9 @@ class Exchange:
         return inverse(self._usual + np.sum(self._each(sorted(chosen)), axis=0))
 
     def square_um2(self, chosen: Sequence[int]) -> float:
-        """Return the mean square of the error over the volume after the chosen lines, without
-        the share that no line lowers."""
+        """Return the mean square of the error over the volume after the chosen lines, without the
+        part that no line can lower.
+        """
         some = frozenset(chosen)
         if some not in self._square_um2:
             self._square_um2[some] = float(np.sum(self._covariance(some) * self._seen))
@@ -470,8 +473,8 @@ class Exchange:
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
     """Return the possible numbers of increments: with steps of whole micrometres, as in programs,
-    and not in phase with a screw unless its runs have their own targets. If no number fulfils both,
-    the numbers of the first; else the plan's.
+    and not in phase with a screw unless its runs have their own targets. If no number fulfils both
+    conditions, return the numbers that fulfil the first; if none does, the plan's number.
     """
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]

@@ -103,8 +103,8 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 
 
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
-    """Return the lines with the largest gain a minute (the first ``planned`` are of the plan); if
-    none is worth its time, these or the best.
+    """Return the lines with the largest gain a minute (the first ``planned`` lines are those of the
+    plan); if none is worth its time, return the planned lines, or the best line.
     """
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)

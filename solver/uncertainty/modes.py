@@ -14,8 +14,8 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 KEPT_SHARE = 0.995
 """Share of the variance over the volume at which no further mode is written."""
 UNSEEN = 1e-3
-"""Largest change of a direction's variance by any likely size, as a share, at which the direction
-counts as undetermined; all such directions are alike.
+"""Largest change of a direction's variance between any two likely sizes, as a share, at which the
+direction counts as undetermined; all such directions are treated alike.
 """
 ROUNDING = 1e-9
 """Share of the largest below which a value is rounding: no choice may depend on it."""
@@ -110,8 +110,8 @@ def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
-    """Return directions (k, q) of a family as modes at the root of their mean square over all
-    sizes.
+    """Return the directions (k, q) of a family as modes, each with the size of its root mean square
+    over all likely sizes.
 
     Directions that the readings determine equally well, within a factor of two, are joined and
     factored like any covariance: the choice of an eigenvalue decomposition between equal directions

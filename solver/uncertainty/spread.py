@@ -94,7 +94,7 @@ class Spread:
 
 
 SIZES_UNKNOWN = "sizes of these"
-"""The share from the unknown sizes of the causes."""
+"""Name of the share that comes from the unknown sizes of the causes."""
 
 
 def deviation(variance: Vector) -> Vector:
