@@ -1,6 +1,6 @@
 """The recording: from the wires to the stops.
 
-In: bytes of a laser and registers of a machine. Out: logs, passes, readings. Rooms, lowest first:
-records, timing, formats, links, survey, capture, passes, log, replay, recording, head, service.
-Imported by `stepdiag` only.
+In: bytes of a laser and registers of a machine. Out: logs, passes, readings. Rooms, from the
+lowest: records, timing, formats, links, survey, capture, passes, log, replay, recording, head,
+service. Imported by `stepdiag` only.
 """

@@ -1,4 +1,4 @@
-"""The same survey again from its logs: the live run's code on the live run's input."""
+"""The same survey again from its logs: the code of the live run on the input of the live run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from stepdiag.daq.survey.models import Survey
 
 @dataclass(frozen=True, slots=True)
 class ReplayedLog:
-    """One log: its file, its outcomes in order, and how it ended."""
+    """One log: its file, its outcomes in order, and its end."""
 
     path: Path
     outcomes: tuple[Outcome, ...]
@@ -33,8 +33,9 @@ class ReplayedLog:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A survey from its logs: the survey file as recorded, passes as they came together, findings
-    in order."""
+    """A survey from its logs: the survey file as recorded, the resulting passes, findings in
+    order.
+    """
 
     survey: Survey
     survey_text: str
@@ -53,8 +54,9 @@ class Replayed:
 
 
 def begun_logs(folder: Path) -> list[Path]:
-    """Return the logs of a folder, without those that were cut off before anything stood in them: a
-    kill or a full disk at their start."""
+    """Return the logs of a folder, without those that were cut off before their first record: by an
+    interruption or a full disk at their start.
+    """
     return [path for path in logs_in(folder) if path.suffix != PART_SUFFIX or _begun(path)]
 
 
@@ -67,9 +69,9 @@ def _begun(path: Path) -> bool:
 
 
 def find_logs(paths: Sequence[Path]) -> list[Path]:
-    """Return the logs that the paths name: files as they are, folders by the logs in them.
+    """Return the logs under the given paths: files directly, folders by their logs.
 
-    Raises UsageError for a path where nothing is, DataError where there is no log.
+    Raises UsageError for a path that does not exist, DataError where there is no log.
     """
     for path in paths:
         must_be_there(path)
@@ -86,13 +88,13 @@ def replay(
     survey_file: Path | None = None,
     suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> Replayed:
-    """Return the contents of the logs of a survey, in the order given; ``survey_file`` stands for
-    the one in the logs where that cannot be used.
+    """Return the contents of the logs of a survey, in the given order; ``survey_file`` replaces a
+    survey file in the logs that cannot be used.
 
-    ``suspicions`` as `PassBook.foretell` takes them.
+    ``suspicions`` as in `PassBook.foretell`.
 
-    Raises DataError for a log that is not ours or that belongs to another survey file, UsageError
-    for a survey file that cannot be used.
+    Raises DataError for a log that is not from this program or belongs to another survey file,
+    UsageError for a survey file that cannot be used.
     """
     opened = [open_log(path) for path in paths]
     text = opened[0].header.survey_text

@@ -1,6 +1,6 @@
 """The entry point of the process: ``stepdiag`` and ``python -m stepdiag``.
 
-The daemon started by systemd (``run FILE``) goes past the command line, whose libraries would be a
+The daemon started by systemd (``run FILE``) bypasses the command line, whose libraries would be a
 third of its start and an eighth of its memory for its whole life.
 """
 
@@ -13,8 +13,8 @@ def main() -> None:
     """Run the daemon, or any other command of the command line.
 
     The solver's matrices are small: numpy's threads would wait for each other, spinning, for seven
-    times the work, and more beside a busy neighbour; and sums in one order are the same on every
-    computer.
+    times the work, and for more beside a busy neighbour. Sums in a fixed order are also the same on
+    every computer.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from stepdiag.base.disk.system import LINUX

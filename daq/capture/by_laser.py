@@ -1,4 +1,5 @@
-"""A machine without signals: the laser's plateaus are its standstills, and the chain names them.
+"""A machine without signals: the laser's plateaus are the standstills, and the chain of `naming`
+assigns them to stops.
 
 The machine sends no stop number. So the first stops of a pass are sure by the steps between them,
 and a lost count ends the pass: the machine's place is then unknown. Every named stop is handed on
@@ -27,16 +28,17 @@ from stepdiag.daq.timing.stream import Span, StreamBuffer
 
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
-"""Time before now in ns searched for a standstill."""
+"""The span of time before now, in ns, in which a standstill is searched."""
 PAUSE_NS = 500_000_000
-"""Shortest time in ns between two plateaus at a level; less between them is a single shaken
-standstill.
+"""Shortest time in ns between two plateaus at the same level; with less time between them they are
+a single shaken standstill.
 """
 ENDING_NS = 1_000_000_000
-"""After a lost count the stops before it are still being taken for so long."""
+"""Time in ns after a lost count during which the stops before the loss are still captured."""
 LONG = 2.5
-"""A standstill of so many dwells is taken while it lasts: after the last stop the machine may stand
-for ever."""
+"""A standstill that lasts this number of dwells is captured before it ends: after the last stop the
+machine may stand for ever.
+"""
 DWELL_SHARE = 0.5
 """A plateau shorter than this share of the dwell is a place where the machine turned round."""
 
@@ -52,8 +54,9 @@ class _Stand:
 
 
 class ByLaser:
-    """Follows the laser of one log. ``look`` is called with every chunk; it returns standstills in
-    the order of the pass."""
+    """Follows the laser through one log. ``look`` is called with every chunk and returns the
+    standstills in the order of the pass.
+    """
 
     def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
         self._laser = laser
@@ -81,7 +84,8 @@ class ByLaser:
         """The last stop of a pass that seems to begin after its first stop."""
         self._other_order = False
         self.seen: list[tuple[float, float]] = []
-        """Every standstill so far, placed or not: when it ended (ns), and its level in mm."""
+        """Every standstill until now, placed or not: the time of its end (ns), and its level in mm.
+        """
         hint = start.hints[self.setup]
         self._way, self._fresh = int(not hint.outward), not hint.known
         first = 0 if hint.outward else len(self._routes[0]) - 1
@@ -90,8 +94,9 @@ class ByLaser:
         self._chain = self._begun(hint.known if self._turns else {})
 
     def _begun(self, known: Mapping[int, float]) -> Chain:
-        """Return the chain of a pass that begins in the expected direction, or in the other one;
-        ``known`` are the readings of the count so far, by stop of the outward route."""
+        """Return the chain of a pass that begins in the expected direction, or in the opposite
+        direction; ``known`` are the readings of the present count, by stop of the outward route.
+        """
         last = len(self._routes[0]) - 1
         levels = (known, {last - stop: level for stop, level in known.items()})
         begins = (
@@ -101,7 +106,7 @@ class ByLaser:
         return Chain(self._routes, *begins, signalled=False)
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
-        """Return the stops whose standstill is over, and what is reported."""
+        """Return the stops whose standstill is over, and the findings."""
         dwells: list[Dwell] = []
         outcomes: list[Outcome] = []
         if now_ns - self._looked_ns < LOOK_NS:
@@ -130,13 +135,13 @@ class ByLaser:
         return [self._dwell(stop, stand) for stop, stand in held]
 
     def _lost(self) -> bool:
-        """Return whether the count was lost since this was asked for the last time."""
+        """Return whether the count was lost since the last call."""
         seen, self._breaks = self._breaks, len(self._laser.breaks)
         return any(each.watched for each in self._laser.breaks[seen:])
 
     def _over(self, *, lost: bool) -> list[_Stand]:
-        """Return the standstills left since the last look, a standstill that lasts long, and a
-        standstill at the loss of the beam.
+        """Return the standstills that ended since the last call, a standstill that lasts long, and
+        a standstill during which the beam was lost.
         """
         newest = self._laser.newest_ns()
         if not np.isfinite(newest):
@@ -155,7 +160,7 @@ class ByLaser:
         return [each for each in over if each.to_ns - each.from_ns >= self._least_s * 1e9]
 
     def _has_left(self, span: Span, stand: _Stand) -> bool:
-        """Return whether the machine has gone on from the standstill that was seen last."""
+        """Return whether the machine has left the newest standstill."""
         if stand.count is not None:
             return float(span.time_ns[-1]) > stand.to_ns
         return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
@@ -204,7 +209,7 @@ class ByLaser:
         return self._turns and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS
 
     def _report_wrong_sign(self, outcomes: list[Outcome]) -> None:
-        """Report the first pass of a setup that runs the other way."""
+        """Report the first pass of a setup that runs in the opposite direction."""
         before, stand = self._stands[-2:]
         moved = stand.level_mm - before.level_mm
         words = message(
@@ -213,8 +218,9 @@ class ByLaser:
         self._say("error", words, outcomes)
 
     def _report_nowhere(self, path: Path, stand: _Stand, outcomes: list[Outcome]) -> None:
-        """Report a standstill at no stop of a pass; before a pass only a step beyond the last stop
-        of the pass before: that pass may be off by a stop."""
+        """Report a standstill at no stop of a pass. Before a pass, only a step beyond the last stop
+        of the previous pass is reported: that pass may be shifted by a stop.
+        """
         route, stop = self._routes[path.way], max(path.stop, 0)
         if stop not in path.known:
             return
@@ -249,7 +255,7 @@ class ByLaser:
 
 
 def _plateaus(span: Span, least_s: float) -> list[_Stand]:
-    """Return the plateaus of a span; a shaken standstill is in several."""
+    """Return the plateaus of a span; a shaken standstill appears as several plateaus."""
     return [
         _Stand(each.from_ns, each.to_ns, each.level_mm)
         for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))
@@ -279,8 +285,8 @@ def _marked(span: Span) -> list[_Stand]:
 
 
 def _joined(parts: list[_Stand], span: Span) -> list[_Stand]:
-    """Return the parts with the parts of a single standstill joined: the machine was shaken between
-    them and did not move.
+    """Return the parts, with the parts of a single standstill joined: between them the machine was
+    shaken and did not move.
     """
     found: list[_Stand] = []
     for part in parts:

@@ -1,8 +1,8 @@
 """The common code of live and replay: bytes and register blocks in, stops and findings out.
 
-A capture belongs to a log and starts with it, from nothing but the survey and a `CaptureStart` in
-the log. So the replay of a log is the same code on the same input, and gives the same stops to the
-last bit.
+A capture belongs to one log. It starts from the survey and a `CaptureStart` in the log, and from
+nothing else. So the replay of a log runs the same code on the same input, and gives the same stops
+to the last bit.
 """
 
 import math
@@ -45,14 +45,14 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
 FAR_NS = 1 << 62
-"""A time after everything: the log has ended, nothing is waited for."""
+"""A time after every event: the log has ended, so the capture waits for nothing more."""
 LAG_S = 0.5
-"""Longest time in s for which the position registers may lag behind the stop signal at another
-place.
+"""Longest time in s for which the position registers may lag behind the stop signal and show
+another place.
 """
 PATIENCE = 10.0
-"""Number of windows after which, with the handshake, an unsteady stop is taken nevertheless, and
-named doubtful.
+"""Number of windows after which, with the handshake, an unsteady stop is captured nevertheless and
+marked as doubtful.
 """
 
 
@@ -94,8 +94,9 @@ class Capture:
         self._taken_from_ns = -1
         self._went_on = False
         self.next_from_ns: int | None = None
-        """Time in ns from which on the events are those of the next pass; None where the pass did
-        not end at the standstill after it."""
+        """Time in ns from which the events belong to the next pass; None where the pass did not end
+        at the standstill after it.
+        """
         self._heard_since_poll = False
 
     @property
@@ -119,8 +120,9 @@ class Capture:
 
     @property
     def driven_out(self) -> bool:
-        """Return whether the machine has left the last stop of its pass, which is taken in a
-        moment: nothing needs the beam any more."""
+        """Return whether the machine has left the last stop of its pass, whose capture is about to
+        end: the beam is no longer needed.
+        """
         walk = self.walk
         return (
             walk is not None
@@ -131,8 +133,9 @@ class Capture:
 
     @property
     def may_be_over(self) -> bool:
-        """Return whether the pass may be over though a stop of it is missing: the next standstill
-        decides, and may be the next pass's."""
+        """Return whether the pass may be over although one of its stops is missing: the next
+        standstill decides, and may belong to the next pass.
+        """
         walk = self.walk
         if walk is None or self.ended or self._by_laser is not None:
             return False
@@ -140,8 +143,8 @@ class Capture:
 
     @property
     def standing(self) -> Signals | None:
-        """Return the signals of a stop already taken at which the machine still stands: this stop
-        is not for the log that follows.
+        """Return the signals of a captured stop at which the machine still stands: the following
+        log must not capture this stop again.
         """
         dwell = self.tracker.open
         if (
@@ -154,20 +157,22 @@ class Capture:
         return dwell.signals if taken else None
 
     def feed(self, event: Event) -> list[Outcome]:
-        """Take an event; return its stops, findings and the end of the pass, in order."""
+        """Process an event; return its stops, findings and the end of the pass, in order."""
         outcomes = self._followed(event)
         return self._as_raised(outcomes) if outcomes else outcomes
 
     def _losses(self, until_ns: float) -> int:
-        """Return how often the laser's count was lost until a time."""
+        """Return the number of losses of the laser's count until a time."""
         return sum(each.watched and each.time_ns <= until_ns for each in self.laser.breaks)
 
     def heed(self, found: Finding) -> list[Finding]:
-        """Return a finding of the passes as far as raised now: a cause may explain it."""
+        """Return a finding of the passes if it may be raised now, else nothing: a cause may still
+        explain it.
+        """
         return self._cause.heed(found)
 
     def _as_raised(self, outcomes: list[Outcome]) -> list[Outcome]:
-        """Return the outcomes without the findings that a cause explains, or may yet explain; the
+        """Return the outcomes without the findings that a cause explains or may still explain; the
         end of a pass decides.
         """
         raised: list[Outcome] = []
@@ -202,7 +207,7 @@ class Capture:
         return outcomes
 
     def finish(self) -> list[Outcome]:
-        """Return what the dwells still waiting for samples give: the log has ended."""
+        """Return the outcomes of the dwells that still wait for samples: the log has ended."""
         outcomes: list[Outcome] = []
         for dwell in self._by_laser.finish() if self._by_laser is not None else ():
             self._pending.add(dwell)
@@ -215,14 +220,14 @@ class Capture:
         return [*self._as_raised(outcomes), *self._cause.released()]
 
     def left_over(self) -> tuple[Break, ...]:
-        """Return the breaks of the laser's count after the last stop, for the log that goes on with
-        the pass.
+        """Return the breaks of the laser's count after the last stop, for the next log of the same
+        pass.
         """
         return self._taker.left_over()
 
     def went_beyond(self) -> bool | None:
-        """Return whether the machine was seen to overrun the last stop of its pass, to come back
-        from the other side; None if it may have.
+        """Return whether the machine was observed to overrun the last stop of its pass and to
+        return from the other side; None if it may have.
         """
         walk = self.walk
         if walk is None or walk.last is None or walk.last.stop < len(walk.route) - 1:
@@ -238,7 +243,7 @@ class Capture:
             buffer.feed(chunk.data, chunk.arrival_ns)
 
     def _take_stands(self, by_laser: ByLaser, now_ns: int, outcomes: list[Outcome]) -> None:
-        """Take the standstills that the laser alone shows."""
+        """Process the standstills that only the laser shows."""
         before = len(by_laser.seen)
         dwells, outcomes_of_laser = by_laser.look(now_ns)
         for ended_ns, level_mm in by_laser.seen[before:]:
@@ -301,7 +306,7 @@ class Capture:
             self._pending.add(closed)
 
     def _leaves(self, signals: Signals) -> bool:
-        """Return whether a poll ends a standstill that is not taken yet."""
+        """Return whether a poll ends a standstill that is not captured yet."""
         dwell = self.tracker.open
         return dwell is not None and not signals.stopped and dwell.from_ns != self._taken_from_ns
 
@@ -344,16 +349,16 @@ class Capture:
             outcomes.extend(self._taker.name_from_second(self.walk))
 
     def _samples_follow(self, event: Event) -> bool:
-        """Return whether the samples up to this poll are worth waiting for: a stream with bytes
-        since the poll before soon sends again.
+        """Return whether waiting for the samples up to this poll is worthwhile: a stream with bytes
+        since the previous poll soon sends more.
         """
         heard, polled = self._heard_since_poll, isinstance(event, ModbusBlock)
         self._heard_since_poll = isinstance(event, Chunk) or (heard and not polled)
         return heard and polled
 
     def _take_early(self, outcomes: list[Outcome]) -> None:
-        """With the handshake the machine waits for us: take the stop as soon as a steady window of
-        full length is in.
+        """With the handshake the machine waits for the program: capture the stop as soon as a
+        steady window of full length is complete.
 
         No wait for missing samples, except for the chunk after each poll (`_samples_follow`).
         """
@@ -441,7 +446,7 @@ class Capture:
             )
 
     def _judge_cause(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
-        """Let the standstill be judged together with the earlier standstills."""
+        """Pass the standstill on for judgement together with the earlier standstills."""
         if self.head is not None and self._finder.is_head_run(dwell.signals):
             outcomes.extend(self._cause.leave())
             return

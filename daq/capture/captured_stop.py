@@ -9,8 +9,9 @@ from stepdiag.base.messages import Message, Words, joined
 
 
 class Remark(msgspec.Struct, frozen=True):
-    """Why a person should look at a stop: a finding's code and its message; the text alone in a log
-    that held nothing else."""
+    """Why a person should inspect a stop: a finding's code and its message; only the text in a log
+    of a version without codes.
+    """
 
     code: str
     why: Words
@@ -19,15 +20,15 @@ class Remark(msgspec.Struct, frozen=True):
 class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     """A stop of a pass, as stored in the log and passed on to the readings.
 
-    ``position_mm`` is the commanded position from the machine, as planned without it.
-    ``reading_mm`` is the laser's reading, sign applied, in its own length unit before any air
-    correction, None without a beam. ``u_um`` is the standard uncertainty of the window's mean (of
-    the QD's lateral movement in a run of the 4-DOF head). ``broken`` is the reason why the laser's
-    count does not reach back to the stop before, ``unwatched`` why it may not; ``doubts`` the
-    reasons of a doubt; ``refused`` (a finding's code) the reason of an unusable reading; ``held``
-    names the conditions replaced by their last credible value. ``turned``: the last stop of the
-    pass before, at which the machine reversed and to which it came as on that pass. ``channels``
-    are the means of the 4-DOF head.
+    ``position_mm`` is the commanded position from the machine, or the planned position if the
+    machine sends none. ``reading_mm`` is the laser's reading, sign applied, in its own length unit
+    before any air correction, None without a beam. ``u_um`` is the standard uncertainty of the
+    window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` is the
+    reason why the laser's count does not reach back to the previous stop, ``unwatched`` why it may
+    not. ``doubts`` are the reasons to doubt the stop; ``refused`` (a finding's code) is the reason
+    of an unusable reading; ``held`` names the conditions replaced by their last credible value.
+    ``turned``: this stop is the last stop of the previous pass, where the machine reversed and
+    which it had reached during that pass. ``channels`` are the means of the 4-DOF head.
     """
 
     setup: str
@@ -70,17 +71,19 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
         return tuple(dict.fromkeys(each.code for each in self.doubts))
 
     def why(self, *codes: str) -> Words:
-        """Return why a person should look at the stop, or as far as a finding names it; empty where
-        nothing is doubted."""
+        """Return why a person should inspect the stop, in the part that a finding names; empty
+        without a doubt.
+        """
         return joined(
             list(dict.fromkeys(each.why for each in self.doubts if not codes or each.code in codes))
         )
 
 
 def from_log(fields: dict[str, Any]) -> CapturedStop:
-    """Return the stop in a log. Raises msgspec.ValidationError for other fields.
+    """Return the stop as stored in a log. Raises msgspec.ValidationError for other fields.
 
-    An old log has a common text for all doubts, and their codes beside it.
+    A log of an old version has one common text for all doubts, and the codes of the doubts beside
+    this text.
     """
     words, codes = fields.pop("doubtful", ""), fields.pop("doubt_codes", ())
     if words and "doubts" not in fields:

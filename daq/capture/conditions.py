@@ -1,9 +1,9 @@
 """Air and material at a stop, judged while recording: impossible values are rejected, and so are
 jumps from the last value.
 
-The last credible value is held instead, with an uncertainty that grows with its age. Without a last
-value the survey file's value counts, and the stop is doubted if the reading depends on it. A
-reading is taken in any case: its air can be corrected afterwards.
+The last credible value is used instead, with an uncertainty that grows with its age. Without an
+earlier value, the value of the survey file is used, and the stop is doubted if the reading depends
+on it. A reading is recorded in any case: its air can be corrected later.
 """
 
 import math
@@ -22,11 +22,11 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 
 BELIEVED_STOPS = 5
-"""Number of consecutive stops that agree on a jumped value before it is accepted; the jump itself
-stays a doubt.
+"""Number of consecutive stops that must agree on a jumped value before the program accepts it; the
+jump itself remains a doubt.
 """
 STALE_NS = 60_000_000_000
-"""Age in ns beyond which a sensor's value is no present reading: the sensor is silent."""
+"""Age in ns beyond which a sensor's value is no longer a present reading: the sensor is silent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +46,15 @@ CONDITIONS: Mapping[str, Message] = {
     "air_pressure_hpa": message("air-pressure-hpa"),
     "relative_humidity_percent": message("relative-humidity-percent"),
 }
-"""The conditions as a person reads them."""
+"""The conditions, named in words for a person."""
 COURSES: Mapping[str, Course] = {
     "material_temperature_c": Course(1.0, 5.0, "C"),
     "air_temperature_c": Course(2.0, 10.0, "C"),
     "air_pressure_hpa": Course(2.0, 5.0, "hPa"),
     "relative_humidity_percent": Course(15.0, 30.0, "%"),
 }
-"""Effect of an opened door on the air from a stop to the next; change of the weather's pressure per
-hour.
+"""Largest effect of an opened door on the air from a stop to the next; largest change of the
+weather's pressure in an hour.
 """
 
 
@@ -73,7 +73,7 @@ weather, and it is no height of a hall: 760 mmHg is the air at sea level, 760 hP
 
 
 class Credible(msgspec.Struct, frozen=True, kw_only=True):
-    """A value that was believed, and when (seconds since 1970)."""
+    """An accepted value and its time (seconds since 1970)."""
 
     value: float
     time_s: float
@@ -93,8 +93,9 @@ Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sens
 
 @dataclass(slots=True)
 class Judged:
-    """The signals with what is believed of the sensors; which were ``held``; what is new
-    (``remarks``), and what is ``doubted``."""
+    """The signals with the accepted values of the sensors, the conditions that were ``held``, the
+    new ``remarks`` and the ``doubted`` conditions.
+    """
 
     signals: Signals
     held: tuple[str, ...] = ()
@@ -116,11 +117,11 @@ def with_air(
     *,
     silent: float | None = None,
 ) -> Signals:
-    """Return the signals with what the sensor, or the laser's own sensors, sent, where the survey
-    takes air and material from them.
+    """Return the signals with the values sent by the sensor, or by the laser's own sensors, where
+    the survey takes air and material from them.
 
-    ``silent`` names its expected values without a reading for `STALE_NS`: None, or NaN for who
-    judges it (`Conditions`).
+    ``silent`` names its expected values without a reading for `STALE_NS`: None, or NaN for the
+    judge of the values (`Conditions`).
     """
     names = condition_names(survey, sensor)
     if (
@@ -153,8 +154,8 @@ def believed_before(
     wall_offset_ns: int,
     credible: Mapping[str, Credible],
 ) -> dict[str, Credible]:
-    """Return the values at the beginning of a log: the values of the logs before, and the sensor's
-    values since, if credible.
+    """Return the values at the beginning of a log: the values of the previous logs, and the
+    sensor's values since then, if credible.
     """
     fresh = sensor.conditions_since(now_ns - STALE_NS)
     measured = {name: fresh[name] for name in condition_names(survey, sensor) if name in fresh}
@@ -164,8 +165,9 @@ def believed_before(
 
 
 class Conditions:
-    """Follows air and material from stop to stop. ``credible`` are the last values that were
-    believed in the logs before."""
+    """Follows air and material from stop to stop. ``credible`` are the last accepted values of the
+    previous logs.
+    """
 
     def __init__(self, survey: Survey, credible: Mapping[str, Credible]) -> None:
         self._environment, self._signals = survey.environment, survey.plc.signals
@@ -176,12 +178,13 @@ class Conditions:
 
     @property
     def credible(self) -> dict[str, Credible]:
-        """Return the last values that were believed."""
+        """Return the last accepted values."""
         return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
-        """Return the sensors' values in use at a stop; everything where the survey file fixes the
-        conditions itself."""
+        """Return the sensors' values in use at a stop; all conditions where the survey file fixes
+        them.
+        """
         if self._environment.source == "fixed":
             return Judged(signals)
         judged = Judged(signals)
@@ -250,7 +253,7 @@ class Conditions:
         )
 
     def _agreed(self, name: str, value: float) -> bool:
-        """Return whether enough stops in a row agree on a value after its jump."""
+        """Return whether enough consecutive stops agree on a value after its jump."""
         seen = [
             other
             for other in self._jumped.get(name, [])

@@ -1,8 +1,8 @@
 """A stop of a 4-DOF run, placed by the head's own stream: the laser may see nothing along this
 axis.
 
-The head is steady when its quadrant detector is. A slide that coasts in shows there as vibration,
-not as travel; only Modbus reports that the machine stands at all.
+The head is steady when its quadrant detector is steady. A slide that coasts to rest appears there
+as vibration, not as travel; only Modbus reports that the machine stands.
 """
 
 import math
@@ -17,11 +17,13 @@ from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
 
 NOMINAL_QD_MM = 0.6
 """Movement of the target at which the normalised QD would reach 1 along its first slope, for a spot
-of 2 mm radius (0.3 to 0.9 mm for 1 to 3 mm). It only judges whether the signal is steady; measured
-is with the head's calibration."""
+of 2 mm radius (0.3 to 0.9 mm for 1 to 3 mm). This figure only judges whether the signal is steady;
+the measurement uses the head's calibration.
+"""
 LEVER_MM = 100.0
-"""At which an angle counts as a movement: it only judges whether the instrument has come to
-rest."""
+"""Change of an angle that counts as a movement: it only judges whether the instrument has come to
+rest.
+"""
 Trouble = Literal[
     "fourdof-beam-blocked.in-dwell",
     "fourdof-out-of-range.detector",
@@ -44,11 +46,11 @@ class QdView:
         self._head = head
 
     resolution_um = math.inf
-    """Not known: the quotient of two signals has no least step."""
+    """Unknown: the quotient of two signals has no least step."""
 
     @property
     def breaks(self) -> list[Break]:
-        """Return the losses of light: what comes before one in a dwell is not used."""
+        """Return the losses of light: in a dwell, the samples before a loss are not used."""
         return self._head.breaks
 
     def newest_ns(self) -> float:
@@ -56,8 +58,9 @@ class QdView:
         return self._head.newest_ns()
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples of a span of time; those without any light on the QD count as
-        unusable."""
+        """Return the usable samples of a span of time; samples without light on the QD count as
+        unusable.
+        """
         span = self._head.span(from_ns, to_ns, arrived_before_ns)
         if span.channels is None or not len(span.channels):
             return span
@@ -75,8 +78,9 @@ class QdView:
 
 
 class AngleView(QdView):
-    """The stream of an autocollimator or a level seen as a length: ``position_mm`` is what its
-    livelier angle makes at `LEVER_MM`."""
+    """The stream of an autocollimator or a level seen as a length: ``position_mm`` is the movement
+    of the livelier angle at the lever `LEVER_MM`.
+    """
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
         """Return the usable samples of a span of time."""

@@ -1,5 +1,6 @@
-"""When the link of an instrument was down: the cause of a missing reading that is named in place of
-its symptoms."""
+"""Times at which the link of an instrument was down: findings name this cause of a missing reading
+instead of its symptoms.
+"""
 
 import math
 from collections.abc import Collection
@@ -15,14 +16,16 @@ LINK_DOWN: dict[Link, Message] = {
 
 
 class Outages:
-    """Follows the links of a log. ``down`` are the links that were down at its beginning."""
+    """Follows the links of a log. ``down`` are the links that were down at the beginning of the
+    log.
+    """
 
     def __init__(self, down: Collection[Link] = ()) -> None:
         self._last: dict[Link, tuple[float, float]] = dict.fromkeys(down, (-math.inf, math.inf))
         self._named: set[tuple[Link, float]] = set()
 
     def take(self, event: LinkEvent) -> None:
-        """Take a change of a link; silence is an outage too."""
+        """Record a change of a link; a silent link is an outage too."""
         begin, end = self._last.get(event.link, (0.0, -math.inf))
         if event.state == "connected":
             self._last[event.link] = begin, min(end, event.time_ns)
@@ -30,12 +33,12 @@ class Outages:
             self._last[event.link] = event.time_ns, math.inf
 
     def covers(self, link: Link, from_ns: int, to_ns: int) -> bool:
-        """Return whether a link was down at some time of a closed span."""
+        """Return whether a link was down at any time of a closed span."""
         begin, end = self._last.get(link, (0.0, -math.inf))
         return begin <= to_ns and end >= from_ns
 
     def news(self, link: Link) -> bool:
-        """Return whether a loss is new, once an outage."""
+        """Return whether a loss is new; each outage counts once."""
         this = link, self._last[link][0]
         new = this not in self._named
         self._named.add(this)

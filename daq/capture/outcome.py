@@ -1,4 +1,4 @@
-"""Outcomes of following a log: stops, findings, and the end of its pass."""
+"""Outcomes of the events of a log: stops, findings, and the end of its pass."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,7 +10,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The pass of this log is over: every stop has gone by, or the program left it."""
+    """The pass of this log is over: every stop is past, or the program has left the pass."""
 
     kind: Literal["complete", "aborted"]
     reason: Message

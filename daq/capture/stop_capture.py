@@ -1,5 +1,5 @@
 """From a dwell on a pass to its stop: its number, its reading, and whether the laser's count
-reaches back to the stop before.
+reaches back to the previous stop.
 """
 
 import math
@@ -50,11 +50,11 @@ FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
     message("other-side.from-where"),
     message("other-side.not-all-moved"),
 )
-"""Why a stop may have been come to from the other side."""
+"""Reasons why a stop may have been approached from the other side."""
 
 
 class StopTaker:
-    """Takes the stops of one log."""
+    """Captures the stops of one log."""
 
     def __init__(
         self,
@@ -75,12 +75,12 @@ class StopTaker:
         self._beyond = start.beyond
         self._turn_unseen = False
         self._other_side: set[str] = set()
-        """Axes that have not moved since the machine came to a stop from the other side."""
+        """Axes that have not moved since the machine reached a stop from the other side."""
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._noise = PassNoise()
         self._named: list[tuple[Dwell, list[Taken], int | None]] = []
-        """The standstills of the present count with their names."""
+        """The standstills since the last loss of count, with the names of their stops."""
 
     def take(
         self,
@@ -137,7 +137,7 @@ class StopTaker:
     def _turned_round(
         self, walk: Walk, turn: CapturedStop, index: int, dwell: Dwell, outcomes: list[Outcome]
     ) -> bool:
-        """Return whether a pass begins with the last reading of the pass before: the machine
+        """Return whether a pass begins with the last reading of the previous pass: the machine
         reversed at this stop.
 
         A machine with an overrun came back from the other side: then the pass has a first stop of
@@ -158,8 +158,9 @@ class StopTaker:
         return False
 
     def _name_anew(self, walk: Walk, names: Sequence[int | None]) -> list[Outcome]:
-        """Place the standstills of the present count again whose names a later standstill has
-        changed, without the last one."""
+        """Assign the standstills of the present count again whose names a later standstill has
+        changed, without the last standstill.
+        """
         before = [name for *_, name in self._named]
         first = next(at for at, name in enumerate(names) if name != before[at])
         self._named = [(*stand[:2], name) for stand, name in zip(self._named, names, strict=True)]
@@ -175,7 +176,7 @@ class StopTaker:
         return outcomes
 
     def name_from_second(self, walk: Walk) -> list[Outcome]:
-        """Place the standstills of a pass again, from its second stop on: the first is missing."""
+        """Assign the standstills of a pass again, from its second stop on: the first is missing."""
         self._named = [(*stand[:2], at) for at, stand in enumerate(self._named, 1)]
         walk.begin_anew(1)
         outcomes: list[Outcome] = [walk.finding("error", 0, message("stop-lost.first"))]
@@ -213,8 +214,9 @@ class StopTaker:
     def _without_reading(
         self, walk: Walk, index: int, dwell: Dwell, link: Link, symptom: Message
     ) -> list[Finding]:
-        """Return why a stop has no reading: that the link was down, once an outage, else the
-        symptom."""
+        """Return why a stop has no reading: once an outage that the link was down, otherwise the
+        symptom.
+        """
         if not self._outages.covers(link, dwell.from_ns, dwell.to_ns):
             return [walk.finding("error", index, symptom)]
         return [walk.finding("error", index, LINK_DOWN[link])] if self._outages.news(link) else []
@@ -235,7 +237,7 @@ class StopTaker:
         return side or (NOT_ALL_MOVED if self._other_side else None)
 
     def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
-        """Return the finding of the last move to a stop; None for the move of the pass."""
+        """Return the finding of the last move to a stop; None for a move of the pass."""
         if index == 0:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
             came_back = along is False and self._both_ways and walk.expected > 0
@@ -259,8 +261,8 @@ class StopTaker:
         head: StreamBuffer,
         outcomes: list[Outcome],
     ) -> None:
-        """Take a stop of the 4-DOF head. The head does not count: a beam cut in between costs
-        nothing, and no step can judge it.
+        """Take a stop of the 4-DOF head. The head does not count: a cut beam has no effect, and no
+        step can judge it.
         """
         outcomes += [walk.finding("warning", index, words) for words in troubles(head, dwell)]
         if taken is None:
@@ -278,7 +280,7 @@ class StopTaker:
     def _recover(
         self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]
     ) -> None:
-        """Look for a stop that Modbus missed in the laser's readings since the stop before; its
+        """Search the laser's readings since the previous stop for a stop that Modbus missed; its
         level in mm separates it from others.
         """
         end = float(dwell.from_ns)
@@ -301,8 +303,9 @@ class StopTaker:
     def _commit(
         self, walk: Walk, stop: CapturedStop, outcomes: list[Outcome], *, again: bool = False
     ) -> None:
-        """Judge a stop and add it. ``again``: it was measured before the break too, at the same
-        standstill."""
+        """Judge a stop and add it. ``again``: it was already measured before the break, at the same
+        standstill.
+        """
         broken, unwatched = self._breaks_up_to(stop.window_to_ns)
         stop = marked(stop, walk.unsure) if walk.unsure else stop
         count = self._laser.count_at(0.5 * (stop.window_from_ns + stop.window_to_ns))
@@ -346,8 +349,9 @@ class StopTaker:
         return lost[-1] if lost else "", unseen[-1] if unseen else ""
 
     def reaches_back(self, taken: list[Taken], dwell: Dwell) -> bool:
-        """Return whether the laser's count at the beginning of a dwell is still that of the stops
-        before."""
+        """Return whether the laser's count at the beginning of a dwell still has the zero of the
+        earlier stops.
+        """
         return not any(
             each.watched for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns)
         )
@@ -359,8 +363,7 @@ class StopTaker:
         ]
 
     def left_over(self) -> tuple[Break, ...]:
-        """Return the breaks after the last stop: they count for the log that goes on with the
-        pass."""
+        """Return the breaks after the last stop: they apply to the next log of the pass."""
         return (*self._before, *self._laser.breaks[self._breaks_seen :])
 
 
@@ -373,7 +376,7 @@ def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
 
 
 def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
-    """Return the remark of a break that costs nothing."""
+    """Return the remark on a break that has no effect."""
     words = (
         message("beam-lost.bridged", why=broken)
         if broken
@@ -385,7 +388,7 @@ def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
 def _share_turn(
     walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]
 ) -> None:
-    """Begin a pass with the last stop of the pass before: the same reading, of the same moment."""
+    """Begin a pass with the last stop of the previous pass: the same reading of the same moment."""
     place = {
         "setup": walk.route.setup,
         "outward": walk.route.outward,
@@ -399,8 +402,8 @@ def _share_turn(
 
 
 class PositionCheck:
-    """Compares stop by stop and reports new differences once a pass. The machine's word counts, the
-    readings carry it.
+    """Compares stop by stop and reports new differences once a pass. The machine's statement
+    decides; the readings support it.
     """
 
     def __init__(self, signals: SignalMap) -> None:
@@ -408,8 +411,9 @@ class PositionCheck:
         self._reported_mm: defaultdict[str, float] = defaultdict(float)
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
-        """Return the finding of the commanded position at a stop; nothing where the register cannot
-        distinguish it from the plan's."""
+        """Return the finding of the commanded position at a stop; none where the register cannot
+        distinguish it from the planned position.
+        """
         if signals.commanded_mm is None:
             return []
         rows = zip("xyz", signals.commanded_mm, walk.route.planned_mm(stop), strict=True)
@@ -438,8 +442,9 @@ class PositionCheck:
 def plateau_window(
     stream: StreamBuffer, from_ns: float, to_ns: float, expected_mm: float, rules: StopRules
 ) -> Taken | None:
-    """Return the laser's mean over the first plateau between two times whose level is the expected
-    one, or None."""
+    """Return the laser's mean over the first plateau at the expected level between two times; None
+    without one.
+    """
     span = stream.span(from_ns, to_ns)
     for plateau in find_plateaus(span.time_ns, span.position_mm, rules.min_window_s):
         if agrees(plateau.level_mm - expected_mm, 0.0):

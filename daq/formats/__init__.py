@@ -2,6 +2,6 @@
 the bytes.
 
 Every decoder offers ``feed(chunk, arrival_ns) -> Samples`` (`daq.timing.samples.Decoder`) and
-``resync()``, to be called when the stream was interrupted (port reopened): what was half received
-is forgotten, what the instrument sent of itself is kept.
+``resync()``, which is called after an interruption of the stream (port reopened): it discards the
+incomplete message and keeps the settings that the instrument sent.
 """

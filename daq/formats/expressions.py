@@ -1,5 +1,5 @@
-"""Signals that the machine does not send outright: a small typed language over named bits and
-words, a part of Python's expressions.
+"""Signals that the machine does not send directly: a small typed language over named bits and
+words, a subset of Python's expressions.
 
     either     = both { "or" both }
     both       = negated { "and" negated }
@@ -7,12 +7,13 @@ words, a part of Python's expressions.
     compared   = operand [ ("==" | "!=" | "<" | "<=" | ">" | ">=") operand ]
     operand    = NAME | NUMBER | "latch" "(" NAME ")" | "(" either ")"
 
-A bit is yes or no, a word a number; a mixture is refused at its place. ``latch(word)`` is the last
-value of the word that was not 0: a counter that a control clears between two stops keeps its
-number. A value that was not read is unknown, and so is every result that depends on it.
+A bit is yes or no, a word is a number; an expression that mixes them is refused, with the place of
+the mixture. ``latch(word)`` is the last value of the word that was not 0: a counter that a control
+clears between two stops keeps its number. A value that was not read is unknown, and every result
+that depends on it is unknown.
 
-Python's parser reads the text after every token of it was found to be of the language; nothing is
-compiled or evaluated by Python.
+Python's parser reads the text only after the program has checked every token; Python neither
+compiles nor evaluates the text.
 """
 
 import ast
@@ -29,7 +30,7 @@ from stepdiag.base.messages import Words, message
 Kind = Literal["bit", "word"]
 Value = bool | float | None
 Inputs = Mapping[str, float | None]
-"""The values read, by name, before they are taken as bits or words; None for a value that the
+"""The values read, by name, before their conversion to bits or words; None for a value that the
 machine refused.
 """
 MOST_CHARACTERS = 500
@@ -72,7 +73,7 @@ def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expres
     """Return the expression of a text; ``kinds`` are the inputs it may name, ``where`` the field
     that holds it.
 
-    Raises UsageError that points at the first character not understood.
+    Raises UsageError with the place of the first character that is not understood.
     """
     if len(text) > MOST_CHARACTERS:
         most = message("characters-most", count=MOST_CHARACTERS)
@@ -99,8 +100,9 @@ class _Text:
         return self._built(tree.body)
 
     def _source(self) -> str:
-        """Return the text as Python may read it, each token at its place. Raises UsageError at the
-        first token that is none of the language."""
+        """Return the text for Python's parser, each token at its place. Raises UsageError at the
+        first token outside the language.
+        """
         source, before, levels = [" "] * len(self._text), "", 0
         opened: list[int] = []
         for token in _TOKEN.finditer(self._text):
@@ -123,8 +125,7 @@ class _Text:
         return "".join(source)
 
     def _built(self, node: ast.expr) -> Expression:
-        """Return the expression of a node. Raises UsageError for a node that the language does not
-        have."""
+        """Return the expression of a node. Raises UsageError for a node outside the language."""
         match node:
             case ast.BoolOp(op=op, values=values):
                 sides = [self._of("bit", side) for side in values]
@@ -165,7 +166,7 @@ class _Text:
         return self._begin + (node.end_col_offset or 0)
 
     def _misplaced(self, at: int) -> UsageError:
-        """Return the refusal of a token that may not stand there."""
+        """Return the error for a token that is not allowed at its place."""
         before = self._text[:at].rstrip()
         ended = before.endswith(")") or (
             before[-1:].isalnum() and not re.search(r"\b(and|or|not)\Z", before)
@@ -185,7 +186,8 @@ class _Text:
 
 def _as_python(word: str) -> str:
     """Return a token of the same length that Python reads as a name or a number: an input may have
-    the name of a keyword, a number may begin with zeros."""
+    a keyword as its name, and a number may begin with zeros.
+    """
     if keyword.iskeyword(word) and word not in _WORDS:
         return word.swapcase()
     return re.sub(r"^0+(?=\d)", "", word).rjust(len(word))
@@ -218,7 +220,7 @@ def _latch(name: str, word: Expression) -> Expression:
 
 def _joined(sides: Sequence[Expression], *, decided_by: bool) -> Expression:
     """Return both or either of several bits: a bit equal to ``decided_by`` settles the result, even
-    if another is unknown. Every side is read, for the sake of its latches.
+    if another is unknown. Every operand is read, because its latches must be updated.
     """
 
     def value(inputs: Inputs, memory: Memory) -> Value:

@@ -1,8 +1,7 @@
-"""Recognition of the sending instrument by its first bytes: every format that needs no description
-is tried on them.
+"""Recognition of the sending instrument by its first bytes: every format without a description is
+tried on them.
 
-And the words for a stream of which nothing makes sense: `check` and the journal of a daemon show
-them.
+And the messages about a stream without readings: `check` and the journal of a daemon show them.
 """
 
 from collections.abc import Iterator
@@ -19,19 +18,21 @@ from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 
 LEAST_SAMPLES = 2
-"""Garbage makes a reading by accident, but not two."""
+"""Random bytes can give one reading by accident, but not two."""
 KEPT = 4096
-"""Bytes kept of the beginning of a stream, shown and recognised if it makes no sense."""
+"""Number of bytes kept from the beginning of a stream, shown and recognised if the stream gives no
+reading.
+"""
 QUOTED = 24
-"""Bytes of a senseless stream that are shown."""
+"""Number of bytes shown from a stream without readings."""
 
 
 def recognise(heard: bytes) -> str:
-    """Return the name of the format that makes readings of these bytes, such as ``lasertex``; empty
-    where none does.
+    """Return the name of the format that gives readings from these bytes, such as ``lasertex``;
+    empty without such a format.
 
-    The first bytes may be cut in the middle of a line or frame. Formats that a survey file
-    describes (``line``, ``frames``) are not tried.
+    The first bytes may begin in the middle of a line or frame. Formats that a survey file describes
+    (``line``, ``frames``) are not tried.
     """
     for name, decoder in _candidates():
         samples = decoder.feed(heard, 1)

@@ -41,7 +41,7 @@ AIR_FORMATS = ("ptu300", "line")
 def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901, PLR0911 - one a format
     """Return a fresh decoder of format ``name``: one object a stream.
 
-    Raises UsageError for a name that is none of the formats, or settings of another format.
+    Raises UsageError for a name outside the formats, or for settings of another format.
     """
     match name, settings:
         case "umd", UmdSettings():

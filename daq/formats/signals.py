@@ -1,10 +1,10 @@
-"""Registers -> signals (contract 2): where each signal lies, the requests that read them all, and
+"""Registers -> signals (contract 2): the place of each signal, the requests that read them all, and
 their decoding.
 
 A signal is a bit, or a number of one or two registers in any of the four byte orders in use.
-Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1),
-so each signal names its own and the bytes are put in order here by hand, tested against literal
-wire bytes.
+Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1).
+So each signal names its own order, and the bytes are ordered here explicitly, tested against
+literal wire bytes.
 """
 
 import math
@@ -66,7 +66,7 @@ class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def width(self) -> int:
-        """Return how many addresses the signal occupies."""
+        """Return the number of addresses that the signal occupies."""
         words = 2 if self.type in ("uint32", "int32", "float32") else 1
         return words * 2 if self.in_byte_table and self.type != "bit" else words
 
@@ -101,8 +101,8 @@ class Signals:
 
 SIGNAL_NAMES = tuple(field.name for field in fields(Signals))
 COUNTED = ("heartbeat", "stop_count", "setup")
-"""Signals that are whole numbers, whatever type they are sent in: a control that has only reals
-sends them as float32.
+"""Signals that are whole numbers, whatever type the control sends: a control with reals only sends
+them as float32.
 """
 SWITCHED = ("stopped", "running", "alarm")
 """Signals that are yes or no."""
@@ -132,11 +132,10 @@ def plan_reads(
     """Return the fewest requests that read every signal; ``standing`` names the signals that show
     whether the machine stands.
 
-    Only addresses that touch are joined: a hole between two signals may be an address the control
-    refuses. A range never exceeds what one request may ask for, and no number is torn apart by its
-    end. If more than one request is needed, the signals of standing are asked for first and last:
-    the machine may leave between two requests, and only values read while the machine stood belong
-    to a stop.
+    Only adjacent addresses are joined: the control may refuse an address between two signals. A
+    range never exceeds the limit of one request, and its end never splits a number. If more than
+    one request is needed, the signals of standing are requested first and last: the machine may
+    leave between two requests, and only values read while the machine stood belong to a stop.
     """
     ranges = _joined(signals)
     telling = {name: signals[name] for name in standing if name in signals}
@@ -174,15 +173,16 @@ def _joins(last: ReadRange, spec: SignalSpec) -> bool:
 class SignalDecoder:
     """Decodes the blocks of one register map.
 
-    Polls mostly repeat the poll before: an unchanged block gives the same object again, and a
-    signal whose own bytes are unchanged is not decoded again.
+    Most polls repeat the previous poll: an unchanged block gives the same object again, and a
+    signal with unchanged bytes is not decoded again.
     """
 
     def __init__(
         self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})
     ) -> None:
         """``expressions`` make further signals out of the inputs, which are the members of
-        ``signals`` that are none themselves."""
+        ``signals`` that are not signals themselves.
+        """
         self._signals = signals
         self._expressions = expressions
         self._memory = Memory()
@@ -218,8 +218,9 @@ class SignalDecoder:
         return self._decoded
 
     def unanswered(self, block: ModbusBlock) -> tuple[str, ...]:
-        """Return the signals and inputs of which a decoded block holds nothing: the machine refused
-        them."""
+        """Return the signals and inputs without a value in a decoded block: the machine refused
+        them.
+        """
         return tuple(
             name
             for name, places in self._places.items()
@@ -248,8 +249,9 @@ class SignalDecoder:
         return _typed(name, numbers[0] * spec.scale + spec.offset)
 
     def _made(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
-        """Return the value of an expression; where its inputs were asked for twice in one poll, yes
-        has to hold both times."""
+        """Return the value of an expression; where a poll reads its inputs twice, yes must be true
+        both times.
+        """
         expression = self._expressions[name]
         first = expression.value(
             {each: self._input(each, data, 0) for each in expression.names}, self._memory
@@ -293,7 +295,7 @@ _Found = tuple[int, int, slice]
 
 
 def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[_Found, ...]:
-    """Return where the ranges hold a signal."""
+    """Return the places of a signal in the ranges."""
     places = tuple(
         (index, place := spec.address - asked.address, _cut(spec, place))
         for index, asked in enumerate(ranges)
@@ -339,7 +341,7 @@ def resolution(spec: SignalSpec, value: float) -> float:
 
 
 def describe(spec: SignalSpec) -> str:
-    """Return the place of a signal as a person writes it: ``holding 2 bit 0``, ``input 40-41``."""
+    """Return the place of a signal in its written form: ``holding 2 bit 0``, ``input 40-41``."""
     if spec.type == "bit" and not spec.in_bit_table:
         return f"{spec.table} {spec.address} bit {spec.bit}"
     last = f"-{spec.address + spec.width - 1}" if spec.width > 1 else ""

@@ -1,8 +1,8 @@
-"""Keeping a link: an object for serial lines and Modbus.
+"""Keeping a link open: a common class for serial lines and Modbus.
 
 A session is a coroutine function: it opens its device, works until the device is lost, closes it,
 and ends by raising DeviceError. Any other exception is a fault of this program and ends the
-reconnector too, so that no worker dies unseen.
+reconnector too, so that no worker ends unnoticed.
 """
 
 import asyncio
@@ -19,14 +19,13 @@ from stepdiag.daq.records.status import LinkState
 FIRST_WAIT_S = 0.05
 WAIT_GROWTH = 2.0
 LONGEST_WAIT_S = 1.0
-"""With the time that an attempt takes, a device is back within two seconds of its return."""
+"""Including the time of an attempt, a device is connected within two seconds of its return."""
 STEADY_AFTER_S = 5.0
-"""A session that ends sooner does not make the next wait short again."""
+"""A session that ends sooner does not shorten the next wait again."""
 
 
 class Report(Protocol):
-    """Takes the state of a link, a detail for a person, and what was lost since that was last
-    reported."""
+    """Receives the state of a link, a detail for a person, and the losses since the last report."""
 
     def __call__(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None: ...
 
@@ -37,11 +36,10 @@ _log = structlog.get_logger(__name__)
 
 
 class Reconnector:
-    """Runs session after session of one link.
+    """Runs one session after another on a link.
 
-    ``on_state`` is called at every change of state and every loss of bytes, in the event loop; the
-    first failure is logged as a warning, those that follow at debug level, until the link is there
-    again.
+    ``on_state`` is called at every change of state and every loss of bytes, in the event loop. The
+    first failure is logged as a warning, later ones at debug level, until the link is open again.
     """
 
     def __init__(self, name: str, session: Session, on_state: Report) -> None:
@@ -52,7 +50,7 @@ class Reconnector:
         self.state: LinkState = "connecting"
 
     async def run(self) -> None:
-        """Keep the link until cancelled. Raises what is not a DeviceError."""
+        """Keep the link open until cancelled. Raises every exception other than DeviceError."""
         clock = asyncio.get_running_loop().time
         self._on_state("connecting", "")
         wait_s = FIRST_WAIT_S
@@ -71,8 +69,9 @@ class Reconnector:
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
     def _report(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
-        """Report a change of state, and a loss of bytes beside it: what was lost never stands for
-        what the link has become."""
+        """Report a change of state, and a loss of bytes separately: a loss never replaces the state
+        of the link.
+        """
         if state == self.state and not lost:
             return
         if state != self.state:
@@ -95,16 +94,16 @@ class Reconnector:
         self._report("lost", detail)
 
     def _complain(self, event: str, detail: Words) -> None:
-        """Warn once; the same trouble again is for debugging."""
+        """Log a trouble as a warning once; a repetition is logged at debug level."""
         say = _log.debug if self._warned else _log.warning
         self._warned = True
         say(event, link=self._name, detail=str(detail))
 
 
 def raise_if_cancelled() -> None:
-    """End here if this task was cancelled while an answer came: before Python 3.12
-    `asyncio.wait_for`, in which the client waits, then returns the answer and loses the order, and
-    the daemon would never stop.
+    """End here if this task was cancelled while an answer arrived: before Python 3.12
+    `asyncio.wait_for`, in which the client waits, then returns the answer and loses the
+    cancellation, and the daemon would never stop.
     """
     task = asyncio.current_task()
     if task is not None and task.cancelling():

@@ -3,12 +3,12 @@
 A message holds the events of a stream over a fraction of a second, each event with its own time.
 Measured on noisy lines at 1 kHz with one chunk a line: 16 bytes a sample with a message per event,
 10 to 12 in batches; base64 costs 3 bytes a sample more because it hides the digits from zstd; a
-binary schema saves 0.2 and is not readable. So the bytes of a chunk stand as a text, each byte as
-the character of its number (ISO 8859-1), which loses nothing.
+binary schema saves 0.2 and is not readable. So the bytes of a chunk are stored as a text, each byte
+as the character of its number (ISO 8859-1), without loss.
 
-Every event of a log has a number, its place in the order of consumption. A batch holds the numbers
-of its events as runs: ``order`` is the number of the first, then by turns ``skip`` numbers of other
-channels and ``run`` events of this channel.
+Every event of a log has a number: its place in the order of consumption. A batch holds the numbers
+of its events as runs: ``order`` is the number of the first event, followed by turns of ``skip``
+numbers of other channels and ``run`` events of this channel.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,17 +37,17 @@ from stepdiag.daq.records.status import LinkState
 US = 1_000
 MAX_TIME_NS = 2**63
 MOST_RANGES = 200
-"""Ranges of one poll: there are not so many signals."""
+"""Largest number of ranges of one poll: more than all signals need."""
 MOST_EVENTS = 100_000
 """Events of one message, which is written several times a second."""
-"""The year 2262: no clock of ours goes further."""
+"""The year 2262: no clock of a computer goes further."""
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
 _LINKS: dict[str, Link] = {topic: link for link, topic in LINK_TOPICS.items()}
 
 Numbered = tuple[int, Event]
 Run = tuple[int, list[Event]]
-"""The number of the first event and the events that follow without a gap."""
+"""The number of the first event, and the following events without a gap."""
 
 
 class _Time(msgspec.Struct):
@@ -83,7 +83,7 @@ class _LinkChange(_Message):
     state_text: str
     detail: str
     message: str = ""
-    """Detail and losses as JSON, where they are messages; a log of before has the text alone."""
+    """Detail and losses as JSON, where they are messages; an older log has only the text."""
 
 
 class _Lost(_Message):
@@ -102,8 +102,9 @@ _decode_loss = msgspec.json.Decoder(_Lost).decode
 
 @dataclass(frozen=True, slots=True)
 class LogClock:
-    """Wall time of a log: the host's clock plus the offset found when it began, whatever the wall
-    clock did afterwards."""
+    """Wall time of a log: the host's clock plus the offset at its beginning, whatever the wall
+    clock does afterwards.
+    """
 
     offset_ns: int
 
@@ -128,10 +129,10 @@ def time_of(event: Event) -> int:
 
 
 def whole_us(event: Event) -> Event:
-    """Return the event with its times cut to whole microseconds, as the log keeps them.
+    """Return the event with its times cut to whole microseconds, as the log stores them.
 
-    A stamp is late by 77 us in the median (baselines.md): the nanoseconds carry nothing and would
-    cost a byte a sample.
+    A stamp is late by 77 us in the median (baselines.md): nanoseconds carry no information and
+    would cost a byte a sample.
     """
     match event:
         case Chunk(stream, arrival_ns, data):
@@ -145,7 +146,7 @@ def whole_us(event: Event) -> Event:
 
 
 def size_of(event: Event) -> int:
-    """Return the bytes of memory that a waiting event roughly holds."""
+    """Return the approximate memory of a waiting event in bytes."""
     match event:
         case Chunk():
             return 100 + len(event.data)
@@ -215,8 +216,9 @@ def message_of_link(event: LinkEvent) -> str:
 
 
 def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
-    """Return the detail and the losses of a link. A log of before has both in one text: what was
-    lost stands at its end."""
+    """Return the detail and the losses of a link. An older log has both in one text, with the
+    losses at its end.
+    """
     if change.message:
         return msgspec.json.decode(change.message, type=tuple[Words, tuple[Words, ...]])
     detail, found, lost = change.detail.partition("bytes lost: ")
@@ -224,7 +226,7 @@ def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
 
 
 def joins(last: Event, event: Event) -> bool:
-    """Return whether two events of one topic may stand in the same message."""
+    """Return whether two events of one topic may be in the same message."""
     if isinstance(last, ModbusBlock) and isinstance(event, ModbusBlock):
         return last.ranges == event.ranges
     return isinstance(event, Chunk)
@@ -277,7 +279,8 @@ def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
 
 def decode(topic: str, data: bytes) -> list[Run]:
     """Return the events of a message in runs; empty for a note. Raises one of
-    `daq.log.contents.DAMAGE` on anything else."""
+    `daq.log.contents.DAMAGE` for any other message.
+    """
     if topic in _STREAMS:
         raw = _decode_bytes(data)
         return list(_from_runs(raw, _chunks(_STREAMS[topic], raw)))
@@ -330,7 +333,7 @@ def _require_few(times: Sequence[int]) -> None:
 
 
 def _require_clock(start_ns: int, later_us: Sequence[int]) -> None:
-    """Raise ValueError for times that no monotonic clock of ours has shown."""
+    """Raise ValueError for times that no monotonic clock of a recorder can show."""
     least, most = min(later_us, default=0), max(later_us, default=0)
     if not 0 <= start_ns + least * US <= start_ns + most * US < MAX_TIME_NS:
         raise impossible("t_mono_ns", start_ns)

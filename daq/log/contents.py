@@ -38,15 +38,13 @@ from stepdiag.daq.records.events import Event
 
 MOST_RECORDS_BEFORE_SURVEY = 16
 MAX_WAITING_EVENTS = 1_000_000
-"""Events that may wait for an event with a lower number; our writer never has more waiting than a
-batch.
+"""Largest number of events that wait for an event with a lower number; the writer never makes more
+than a batch wait.
 """
 
 
 MOST_EVENTS, MOST_EVENTS_PER_BYTE = 1_000_000, 4
-"""Most events of a log, in all and per byte. An event of ours takes at least a byte, for its
-time.
-"""
+"""Most events of a log, in all and per byte. An event takes at least a byte, for its time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,8 +52,8 @@ class LogEnd:
     """The end of a log. ``damage`` is empty for a whole log; ``run_stop`` is the recorder's last
     record, if written.
 
-    ``dropped_events`` were read, but an event before them was lost with the damaged part (a mended
-    log has them too); ``lost_bytes`` could not be read at all.
+    ``dropped_events`` were read, but an earlier event was lost with the damaged part (a mended log
+    has them too); ``lost_bytes`` could not be read at all.
     """
 
     events: int
@@ -73,15 +71,14 @@ class LogEnd:
 
 @dataclass(slots=True)
 class Log:
-    """A log that has been opened; ``end`` is known when `events` has run to its end."""
+    """A log that has been opened; ``end`` is known after `events` has run to its end."""
 
     path: Path
     header: LogHeader
     end: LogEnd | None = None
 
     def events(self) -> Iterator[Event]:
-        """Yield the events in the order in which they were captured, up to the first that is
-        lost."""
+        """Yield the events in the order of their capture, up to the first lost event."""
         reader = RecordReader(self.path)
         walk = _Walk()
         for record in reader:
@@ -98,7 +95,7 @@ class Log:
 
 @dataclass(slots=True)
 class _Walk:
-    """Puts the runs of all channels in order and counts what goes by."""
+    """Puts the runs of all channels in order and counts the events."""
 
     next: int = 0
     waiting: dict[int, list[Event]] = field(default_factory=dict)
@@ -108,7 +105,7 @@ class _Walk:
     run_stop: dict[str, str] = field(default_factory=dict)
 
     def take(self, record: McapRecord) -> list[list[Event]]:
-        """Return the events that are now in order, as runs."""
+        """Return the events that are now complete in order, as runs."""
         match record:
             case Message():
                 topic = self.topics.get(record.channel_id, "")
@@ -124,7 +121,7 @@ class _Walk:
         return []
 
     def require_justified(self, read_bytes: int) -> None:
-        """Raise ValueError for more events than the bytes read so far can stand for."""
+        """Raise ValueError for more events than the bytes read until now can hold."""
         events = self.next + self.waiting_events
         if events > MOST_EVENTS + MOST_EVENTS_PER_BYTE * read_bytes:
             raise impossible("events", events)
@@ -159,7 +156,7 @@ class _Walk:
 
 
 def must_be_there(path: Path) -> None:
-    """Raise UsageError if nothing is at a named path."""
+    """Raise UsageError if a named path does not exist."""
     if not path.exists():
         raise UsageError(
             str(path), expected=message("log-or-folder"), found=message("nothing-of-name")
@@ -169,8 +166,8 @@ def must_be_there(path: Path) -> None:
 def open_log(path: Path) -> Log:
     """Return a log with its header read.
 
-    Raises DataError for a file that is unreadable, is not a log of ours, was written by a newer
-    version, or was cut off inside its header.
+    Raises DataError for a file that is unreadable, is not a log of this program, was written by a
+    newer version, or was cut off inside its header.
     """
     reader = RecordReader(path)
     metadata: dict[str, dict[str, str]] = {}

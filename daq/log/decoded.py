@@ -20,12 +20,13 @@ from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import NOT_RECORDED, StreamBuffer
 
 AT_ONCE_NS = 30_000_000_000
-"""Samples are handed out in blocks of so long a time: enough for the clock under them, little in
-memory."""
+"""Samples are returned in blocks of this time: long enough for the sample clock, short enough for
+the memory.
+"""
 MOST_LINES, MOST_LINES_PER_BYTE = 250_000, 8
-"""Most lines of a log's stream, in all and per byte of the log. A recorder that gets 100 equal
-lines at a time packs 7 of them into a byte; a log of 46 kB was made that unpacks to 1.2 million
-lines.
+"""Largest number of lines in a log's stream, in all and per byte of the log. A recorder that
+receives 100 equal lines at a time packs 7 of them into a byte; a crafted log of 46 kB unpacks to
+1.2 million lines.
 """
 COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 
@@ -36,7 +37,7 @@ class Decoded:
     k) for a 4-DOF head or a sensor.
 
     ``time_ns`` is nanoseconds since 1970, ``mono_ns`` the host's monotonic clock: both from the
-    sample clock, not from the arrivals.
+    sample clock, not from the arrival times.
     """
 
     time_ns: NDArray[np.int64]
@@ -63,10 +64,10 @@ def decoded(
     log: Log, stream: Stream = "laser", survey_file: Path | None = None
 ) -> Iterator[Decoded]:
     """Yield the samples of a stream of a log, block by block; ``survey_file`` replaces the survey
-    file of the log if the log's cannot be used.
+    file in the log if that file cannot be used.
 
-    Raises UsageError for a stream that its survey lacks, DataError for a log without a sample of
-    the stream, or with more lines than its bytes can stand for.
+    Raises UsageError for a stream that is not in the survey, DataError for a log without a sample
+    of the stream, or with more lines than its bytes can hold.
     """
     text, source = log.header.survey_text, f"{log.path.name}: survey.toml"
     survey = (
@@ -112,7 +113,7 @@ def decoded(
 
 
 def _blocks(buffer: StreamBuffer, log: Log) -> list[Decoded]:
-    """Return the samples of a buffer as one block, or none."""
+    """Return the samples of a buffer as one block, or None for an empty buffer."""
     drained = buffer.drained()
     if not drained:
         return []

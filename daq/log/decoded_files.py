@@ -28,7 +28,7 @@ Write = Callable[[Path, Log, Stream, Iterator[Decoded]], int]
 
 
 def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write one line a sample, with a header; what is unknown is empty."""
+    """Write one line a sample, with a header; an unknown value is empty."""
     count = 0
     with path.open("x", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -119,7 +119,7 @@ def _samples(writer: Writer, channel: int, clock: LogClock, block: Decoded) -> i
 
 
 def _copy_notes(writer: Writer, path: Path) -> None:
-    """Take over what stands in a log for a person to look at; the raw bytes stay there."""
+    """Copy the log's notes for a person into the file; the raw bytes are not copied."""
     schemas, channels = dict[int, int](), dict[int, int]()
     for record in RecordReader(path):
         match record:

@@ -1,7 +1,7 @@
-"""Waiting for the disk in a thread of its own: a sync takes 3 ms in the median and 140 ms at worst
+"""Waiting for the disk in a separate thread: a sync takes 3 ms in the median and 140 ms at worst
 (baselines.md).
 
-Meanwhile the recorder goes on handing bytes to the operating system, where they survive the death
+Meanwhile the recorder continues to pass bytes to the operating system, where they survive the end
 of the process.
 """
 
@@ -11,7 +11,9 @@ from stepdiag.daq.log.part_file import PartFile
 
 
 class DiskSync:
-    """Syncs one file at a time on request. All methods belong to one thread, the recorder's."""
+    """Syncs one file at a time on request. All methods are called from one thread, the
+    recorder's.
+    """
 
     def __init__(self) -> None:
         self._file: PartFile | None = None
@@ -23,8 +25,9 @@ class DiskSync:
         self._thread.start()
 
     def request(self, file: PartFile) -> None:
-        """Sync what was drained into ``file`` up to now, after the sync that may be under way.
-        Raises what the one before raised."""
+        """Sync the bytes drained into ``file`` until now, after a sync that may be under way.
+        Raises the error of the previous sync.
+        """
         with self._changed:
             error, self._error = self._error, None
             self._file = file
@@ -34,12 +37,12 @@ class DiskSync:
             raise error
 
     def settle(self) -> None:
-        """Wait until all that was requested is done: the file may then be closed."""
+        """Wait until every requested sync is done: the file may then be closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._done == self._wanted)
 
     def close(self) -> None:
-        """End the thread when all that was requested is done."""
+        """End the thread after every requested sync."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -59,7 +62,7 @@ class DiskSync:
                 self._changed.notify_all()
 
     def _wait(self) -> tuple[int, PartFile] | None:
-        """Wait for a request; return its number and file, or None when there will be no more."""
+        """Wait for a request; return its number and file, or None after the last request."""
         with self._changed:
             self._changed.wait_for(lambda: self._wanted > self._done or self._closing)
             return (

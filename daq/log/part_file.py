@@ -13,11 +13,11 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 
 
 class PartFile:
-    """Takes bytes into memory and drains them to disk on request.
+    """Stores bytes in memory and drains them to disk on request.
 
-    The writer above never sees the disk fail: what a full disk refuses stays here, to be drained
-    when there is space again, so that no record is torn in the middle of the file. Not safe for use
-    from two threads.
+    A failing disk never raises an error in the writer above: bytes that a full disk refuses stay
+    here and are drained when there is space again, so that no record is torn in the middle of the
+    file. Not safe for use from two threads.
     """
 
     def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
@@ -32,7 +32,7 @@ class PartFile:
         self._written = 0
 
     def write(self, data: bytes) -> int:
-        """Take bytes; they are on disk after `drain`."""
+        """Store bytes; they are on disk after `drain`."""
         self._waiting += data
         return len(data)
 
@@ -45,12 +45,13 @@ class PartFile:
 
     @property
     def waiting(self) -> int:
-        """Return how many bytes are not on disk yet."""
+        """Return the number of bytes that are not on disk yet."""
         return len(self._waiting)
 
     def drain(self) -> None:
-        """Hand all bytes to the operating system. Raises OSError; what was not taken stays for the
-        next call."""
+        """Pass all bytes to the operating system. Raises OSError; the remaining bytes stay for the
+        next call.
+        """
         while self._waiting:
             count = os.write(self._descriptor, self._waiting)
             del self._waiting[:count]
@@ -61,8 +62,8 @@ class PartFile:
         sync_file(self._descriptor)
 
     def publish(self) -> None:
-        """Give the whole file its name. Raises FileExistsError when another has it: the part then
-        stays.
+        """Give the whole file its name. Raises FileExistsError when another file has this name: the
+        ``.part`` then remains.
 
         May be called again after another OSError.
         """
@@ -85,7 +86,7 @@ class PartFile:
             self.part.replace(self.path)
 
     def close(self) -> None:
-        """Let go of the file as it is."""
+        """Close the file unchanged."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -1,9 +1,9 @@
-"""Reading the records of a log front to back, with bounded memory, up to the first that is not
-whole.
+"""Reading the records of a log from front to back, with bounded memory, up to the first incomplete
+record.
 
-A log may be cut off at any byte, or be a foreign file. Nothing here trusts a length: records,
-chunks and what they unpack to have limits, and whatever the reader below can raise on damaged bytes
-is in one list, `DAMAGE`.
+A log may be cut off at any byte, or be a foreign file. No length in the file is trusted: records,
+chunks and their unpacked contents have limits, and one list, `DAMAGE`, names every error of the
+reader below on damaged bytes.
 """
 
 import struct
@@ -25,16 +25,17 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000
-"""Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the
-largest record is the index at the end."""
+"""Limits far above every written size: chunks are of 64 KiB, packed ones of a megabyte, and the
+largest record is the index at the end.
+"""
 MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
-"""Most unpacked bytes of all chunks, in all and per byte read. A laser at rest for hours comes to
-400.
+"""Largest number of unpacked bytes of all chunks, in all and per byte read. A laser at rest for
+hours comes to 400.
 """
 
 
 class BrokenRecordError(ValueError):
-    """A record that no log of ours can hold; ``words`` name the reason."""
+    """A record that no log of this program can hold; ``words`` name the reason."""
 
     def __init__(self, words: Message) -> None:
         super().__init__(str(words))
@@ -42,7 +43,7 @@ class BrokenRecordError(ValueError):
 
 
 def impossible(field: str, value: object) -> BrokenRecordError:
-    """Return the error for a value that no log of ours has."""
+    """Return the error for a value that no log of this program has."""
     return BrokenRecordError(message("log-impossible", field=field, value=str(value)))
 
 
@@ -57,8 +58,9 @@ DAMAGE = (
     RecursionError,
     OverflowError,
 )
-"""Everything that damaged bytes make the reader raise (measured: cut at every byte, bits flipped;
-ValueError covers wrong numbers)."""
+"""Every error that damaged bytes raise in the reader (measured: cut at every byte, bits flipped;
+ValueError covers wrong numbers).
+"""
 
 
 def damage_of(error: Exception) -> Message:
@@ -73,8 +75,9 @@ def damage_of(error: Exception) -> Message:
 
 
 class _BoundedFile:
-    """A file that refuses to read more at once than a record may have: lengths inside a record are
-    not checked by the reader."""
+    """A file that refuses to read more at once than the size of a record: the reader does not check
+    lengths inside a record.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -89,8 +92,8 @@ class RecordReader:
     """The records of a file in order. After the iteration ``damage`` names the reason of an early
     end, or is empty.
 
-    A log closed after its listing is read under its new name: ``path`` is the new name after the
-    iteration.
+    A log that was closed after its listing is read under its new name: ``path`` is the new name
+    after the iteration.
     """
 
     def __init__(self, path: Path) -> None:
@@ -134,8 +137,8 @@ class RecordReader:
 
 
 def stored_bytes(path: Path) -> int:
-    """Return the size of a log in bytes, also of a log closed after its listing. Raises DataError
-    if the log is gone.
+    """Return the size of a log in bytes, also of a log that was closed after its listing. Raises
+    DataError if the log no longer exists.
     """
     try:
         if path.suffix == PART_SUFFIX:
@@ -156,7 +159,7 @@ def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
 
 def _claimed_bytes(chunk: ChunkRecord) -> int:
     """Return the unpacked size that a chunk claims, in bytes. Raises BrokenRecordError for a size
-    that no log of ours can hold.
+    that no log of this program can have.
     """
     if chunk.compression != "zstd":
         raise impossible("chunk.compression", repr(chunk.compression))

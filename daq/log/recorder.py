@@ -1,10 +1,10 @@
-"""The recorder: a thread of its own that writes logs, so that no disk delays the reading of an
+"""The recorder: a separate thread that writes logs, so that no disk delays the reading of an
 instrument.
 
-`Recorder.admit` never blocks. It answers with the recorded events, in the order of their replay,
-and only recorded events may be consumed: if the disk cannot follow, events are refused, counted,
-and noted in the log as a `Loss`. A full disk stops the recording; the recording goes on by itself,
-with nothing torn, when there is space.
+`Recorder.admit` never blocks. The recorder returns the recorded events in the order of their
+replay, and only recorded events may be consumed. If the disk is too slow, events are refused,
+counted, and noted in the log as a `Loss`. A full disk stops the recording; it continues by itself,
+without a torn record, when there is space.
 """
 
 import threading
@@ -25,19 +25,20 @@ from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
 from stepdiag.daq.records.events import Event, Loss
 
 FLUSH_S = 0.36
-"""A killed process loses less than this time in s, the 70 ms that reader and loop gather, and the
-time of a write: the promise is half a second.
+"""A killed process loses less than this time in s, the 70 ms of reader and loop, and the time of a
+write: the limit is half a second.
 """
 SYNC_S = 1.0
-"""A power failure loses at most this; a captured stop is synced at once."""
+"""A power failure loses at most this time in s; a captured stop is synced at once."""
 RETRY_S = 0.5
 """Wait in s after a refusal of the disk before the next try."""
 WAKE_BYTES = 262_144
-"""The thread sleeps until this much waits or a flush is due: a wake-up costs as much as the work on
-ten kilobytes."""
+"""The thread sleeps until this number of bytes waits or a flush is due: a wake-up costs as much as
+the work on ten kilobytes.
+"""
 BACKLOG_BYTES = 16_000_000
-"""Most bytes that wait for the disk: several seconds of the fastest instrument. Admitting begins
-again at half of this size.
+"""Largest number of bytes that wait for the disk: several seconds of the fastest instrument. Events
+are accepted again below half of this size.
 """
 
 State = Literal["idle", "recording", "blocked", "dead"]
@@ -71,7 +72,9 @@ class _End:
 
 @dataclass(frozen=True, slots=True)
 class _Promise:
-    """A note with a waiting reader: ``saved`` is called when it would outlive this process."""
+    """A note with a waiting reader: ``saved`` is called as soon as the note would survive the end
+    of this process.
+    """
 
     note: Note
     saved: Callable[[], object]
@@ -87,9 +90,9 @@ class _OpenLog:
 
 
 class Recorder:
-    """Writes logs, each after the end of the last.
+    """Writes the logs one after another.
 
-    ``begin``, ``admit``, ``note``, ``end`` and ``stop`` belong to the thread that captures.
+    ``begin``, ``admit``, ``note``, ``end`` and ``stop`` are called from the capturing thread.
     ``on_change`` is called in the recorder's thread whenever its state changes.
     """
 
@@ -118,7 +121,7 @@ class Recorder:
 
     @property
     def health(self) -> RecorderHealth:
-        """Return how the recorder is now; from any thread."""
+        """Return the recorder's present state; callable from any thread."""
         log = self._log
         return RecorderHealth(
             state=self._state,
@@ -136,8 +139,8 @@ class Recorder:
         self._wake.set()
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Take the next event; return the events to consume: the event, a `Loss` before it after a
-        gap, or nothing when it is refused.
+        """Record the next event; return the events to consume: the event, a `Loss` before it after
+        a gap, or nothing when it is refused.
         """
         event = whole_us(event)
         size = size_of(event)
@@ -156,14 +159,15 @@ class Recorder:
         return admitted
 
     def note(self, note: Note) -> None:
-        """Take a note. While the disk cannot follow, notes are dropped: a replay makes them again
-        from the events."""
+        """Take a note. While the disk is too slow, notes are dropped: a replay makes them again
+        from the events.
+        """
         if self._state != "dead" and self._backlog <= self._limit:
             self._put(1000, note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Take the note of a captured stop, or of the end of its pass, and write it at once, with
-        everything before it.
+        """Record the note of a captured stop, or of the end of its pass, and write it at once
+        together with everything before it.
 
         ``saved`` is called, in the recorder's thread and in the order of the notes, when a killed
         process would not lose the note any more: only then may the stop be reported. A note that a
@@ -179,8 +183,8 @@ class Recorder:
         self._wake.set()
 
     def stop(self, timeout_s: float = 10.0) -> bool:
-        """End the thread when everything taken is written; return False if a refusing disk kept the
-        last log a ``.part``.
+        """End the thread after everything recorded is written; return False if a refusing disk left
+        the last log as a ``.part``.
         """
         self._stopping.set()
         self._wake.set()
@@ -229,7 +233,7 @@ class Recorder:
         return self._save(now=bool(self._promised) or stopping) and not stopping
 
     def _take(self, item: _Item) -> bool:
-        """Do one thing; return False when the disk refused until the recorder was to end."""
+        """Do one job; return False when the disk refused until the end of the recorder."""
         if isinstance(item, _Begin):
             return self._insist(lambda: self._open(item))
         if self._log is None:
@@ -266,8 +270,9 @@ class Recorder:
         return True
 
     def _save(self, *, now: bool) -> bool:
-        """Flush and sync what is due; return False when the disk refused until the recorder was to
-        end."""
+        """Flush and sync the due data; return False when the disk refused until the end of the
+        recorder.
+        """
         log = self._log
         if log is None or not (now or time.monotonic() >= self._flush_at):
             return True
@@ -282,14 +287,14 @@ class Recorder:
         return saved
 
     def _keep_promises(self) -> None:
-        """Report every note that the operating system has now."""
+        """Report every note that the operating system has received."""
         promised, self._promised = self._promised, []
         for saved in promised:
             saved()
 
     def _insist(self, action: Callable[[], None]) -> bool:
-        """Repeat an action on the disk until it succeeds; return False when the disk still refuses
-        as the recorder ends.
+        """Repeat a disk operation until it succeeds; return False when the disk still refuses at
+        the end of the recorder.
         """
         while True:
             try:

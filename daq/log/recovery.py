@@ -1,4 +1,4 @@
-"""Contents of a log, and mending a log that was cut off: into a new file, never in place."""
+"""Contents of a log, and mending of a log that was cut off: into a new file, never in place."""
 
 import tomllib
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ from stepdiag.daq.records.events import Chunk, ModbusBlock
 
 _DRAIN_BYTES = 1_000_000
 _SUFFIX = ".recovering"
-"""Suffix of a mended log that is not whole yet: a copy, so the remains of a killed copy are
-overwritten.
+"""Suffix of a mended log that is not complete yet: a copy, so the remains of an interrupted copy
+are overwritten.
 """
 
 
@@ -49,7 +49,7 @@ class LogInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovery:
-    """A mended log and what the damaged one had lost."""
+    """A mended log, and the losses of the damaged log."""
 
     source: Path
     target: Path
@@ -58,8 +58,9 @@ class Recovery:
 
 
 def log_info(path: Path) -> LogInfo:
-    """Return the contents of a log, read front to back. Raises DataError for what is not a log of
-    ours (see `daq.log.contents.open_log`)."""
+    """Return the contents of a log, read front to back. Raises DataError for a file that is not a
+    log of this program (see `daq.log.contents.open_log`).
+    """
     log = open_log(path)
     stream_bytes: dict[str, int] = {}
     polls = 0
@@ -93,9 +94,9 @@ def _carries_token(survey_text: str) -> bool:
 
 
 def recovered_path(path: Path) -> Path:
-    """Return where the mended copy of a log goes, beside it.
+    """Return the path of the mended copy of a log, beside it.
 
-    ``0001.mcap.part`` gives ``0001.mcap``, the name it would have got; ``0001.mcap`` gives
+    ``0001.mcap.part`` gives ``0001.mcap``, its intended name; ``0001.mcap`` gives
     ``0001.recovered.mcap``.
     """
     if path.suffix == PART_SUFFIX:
@@ -107,9 +108,9 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     """Write every whole message of a damaged log into a new, indexed log; the damaged log stays
     unchanged.
 
-    Raises DataError when the log is whole, is not a log of ours, when the target exists, or when
-    the mended log does not read back as many messages and events as were written; UsageError where
-    nothing can be written.
+    Raises DataError when the log is whole, is not a log of this program, when the target exists, or
+    when the mended log does not read back the same number of messages and events; UsageError where
+    writing is impossible.
     """
     target = recovered_path(path) if target is None else target
     log = open_log(path)
@@ -154,7 +155,7 @@ def _write(path: Path, target: Path, end: LogEnd) -> int:
 
 
 def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
-    """Copy what is whole, record by record as it stands; return the number of messages."""
+    """Copy the whole records unchanged; return the number of messages."""
     writer = Writer(
         cast("IO[Any]", file),
         chunk_size=CHUNK_BYTES,
@@ -188,8 +189,9 @@ def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
 
 
 def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
-    """Yield records up to the message with this number, which is the last that the reading of the
-    events took."""
+    """Yield records up to the message with this number, the last one used by the reading of the
+    events.
+    """
     left = messages
     known: set[tuple[str, int]] = set()
     for record in records:
@@ -206,8 +208,9 @@ def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
 
 
 def copy_record(writer: Writer, record: McapRecord) -> None:
-    """Write a record again. Schemas and channels were numbered from 1 in their order, so they get
-    the same numbers."""
+    """Write a record again. Schemas and channels are numbered from 1 in their order, so they get
+    the same numbers.
+    """
     match record:
         case Header():
             writer.start(profile=record.profile, library=record.library)

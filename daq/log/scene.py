@@ -1,8 +1,8 @@
 """The volume, the route and the stops of a pass as Foxglove's 3D panel draws them:
 foxglove.SceneUpdate, lengths in metres.
 
-A viewer that jumps in time sees the newest message alone: each message holds the whole scene, of a
-long pass its newest stops.
+A viewer that jumps in time receives only the newest message: each message holds the whole scene,
+for a long pass its newest stops.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,9 @@ Point = Sequence[float]
 
 
 def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[CapturedStop]) -> Note:
-    """Return the scene as it is after the newest stop; ``route_mm`` are the planned stops of its
-    pass, each (3,)."""
+    """Return the scene after the newest stop; ``route_mm`` are the planned stops of its pass, each
+    (3,).
+    """
     route = route_mm if len(route_mm) <= MOST_DRAWN else (route_mm[0], route_mm[-1])
     size = STOP_SHARE * max(volume.size_mm) * 1e-3
     lines = [

@@ -51,8 +51,9 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A message for a person: derived from the raw events, never read by a replay. ``time_ns`` is
-    the host's clock."""
+    """A message for a person: derived from the raw events, never used by a replay. ``time_ns`` is
+    the host's clock.
+    """
 
     topic: str
     time_ns: int
@@ -211,7 +212,7 @@ DECODED_TOPICS: dict[Stream, str] = {
     "head": "/head/decoded",
     "air": "/air/decoded",
 }
-"""Every sample, in the files that ``stepdiag decode`` writes; a log itself holds the bytes."""
+"""Every sample, in the files of ``stepdiag decode``; a log itself holds the bytes."""
 
 CHANNELS: tuple[Channel, ...] = (
     *(Channel(topic, "stepdiag.Bytes", _BYTES) for topic in RAW_TOPICS.values()),
@@ -248,15 +249,15 @@ DECODED_CHANNELS: dict[Stream, Channel] = {
 }
 
 MESSAGES = ("broken", "unwatched", "doubts")
-"""The fields of a stop's note that are JSON in a text, since viewers want plain types; the English
-words stand beside them.
+"""The fields of a stop's note that are JSON in a text, since viewers require plain types; the
+English words are in further fields.
 """
 LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 """Levels of foxglove.Log."""
 
 
 def sample_note(time_ns: int, position_mm: float, beam: float | None, flags: int) -> Note:
-    """Return the laser's reading at a moment: a few a second, for the eye."""
+    """Return the laser's reading at a moment, a few times a second, for display."""
     return Note(SAMPLE_TOPIC, time_ns, {"position_mm": position_mm, "beam": beam, "flags": flags})
 
 
@@ -268,8 +269,8 @@ def signals_note(time_ns: int, signals: Signals) -> Note:
 def stop_note(
     stop: CapturedStop, travel_mm: float | None = None, deviation_um: float | None = None
 ) -> Note:
-    """Return a captured stop, timed by the end of its window; the recorder syncs the file on taking
-    it.
+    """Return a captured stop, timed by the end of its window; the recorder syncs the file when it
+    receives the stop.
 
     ``travel_mm`` is the laser's way since the first stop of the pass, ``deviation_um`` its
     deviation from the geometry; None if the count does not reach back.
@@ -290,8 +291,9 @@ def stop_note(
 
 
 def finding_note(time_ns: int, finding: Finding) -> Note:
-    """Return a finding; its severity as number is that of `/log`, its arguments are JSON in a text,
-    as viewers want plain types."""
+    """Return a finding; its severity as a number is that of `/log`, its arguments are JSON in a
+    text, as viewers require plain types.
+    """
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
     fields = finding.as_json()
     if "arguments" in fields:

@@ -2,7 +2,7 @@
 into a stream.
 
 Chunks of 64 KiB with zstd and CRCs. The loss with the last chunk depends on the recorder's flushes;
-only a fast instrument fills a chunk before, and there smaller chunks cost a quarter more time.
+only a fast instrument fills a chunk sooner, and smaller chunks would then take a quarter more time.
 Messages are batched alike, see `daq.log.codec`.
 """
 
@@ -28,8 +28,8 @@ RUN_STOP = "stepdiag.run_stop"
 SURVEY_ATTACHMENT = "survey.toml"
 CHUNK_BYTES = 65_536
 BATCH_BYTES = 65_536
-"""Bytes at most in batches before they are written, whatever the time: about the length of their
-text.
+"""Largest number of bytes in batches before they are written, whatever the time: about the length
+of their text.
 """
 
 ExitStatus = Literal["complete", "aborted", "interrupted"]
@@ -40,7 +40,7 @@ class LogHeader:
     """The first record of a log.
 
     ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` and
-    ``clock`` are free names and texts (run id, setup, state to start from; latency timer,
+    ``clock`` hold texts by free names (run id, setup, state to start from; latency timer,
     low-latency mode); the program adds versions and the survey's SHA-256.
     """
 
@@ -113,8 +113,9 @@ class LogWriter:
             )
 
     def event(self, event: Event) -> None:
-        """Take the next event in the order of consumption; its times are kept in whole
-        microseconds."""
+        """Add the next event in the order of consumption; its times are stored in whole
+        microseconds.
+        """
         event = whole_us(event)
         topic = topic_of(event)
         batch = self._batches.setdefault(topic, [])
@@ -145,7 +146,7 @@ class LogWriter:
         self._message(note.topic, note.time_ns, note.time_ns, self._encode({**times, **fields}))
 
     def flush(self) -> None:
-        """Hand everything taken so far to the stream, as a closed chunk."""
+        """Pass everything added until now to the stream, as a closed chunk."""
         self._write_batches()
         self._writer.flush()  # type: ignore[no-untyped-call]
 

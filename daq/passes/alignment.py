@@ -1,9 +1,8 @@
-"""The mirror's tilt from the first steps of a pass, in time to realign it now rather than after the
-pass.
+"""The mirror's tilt from the first steps of a pass, early enough to realign it during the pass.
 
-With the mirror normal off the diagonal by ``nu``, every step of axis a reads wrong by ``nu_a *
-step_a``, always the same (theory.md 4.2; the machine's own slopes, tens of microradians, are taken
-for tilt as well).
+With the mirror normal off the diagonal by ``nu``, every step of axis a has the constant error
+``nu_a * step_a`` (theory.md 4.2). The machine's own slopes, tens of microradians, count as tilt as
+well.
 """
 
 import math
@@ -17,13 +16,14 @@ from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
 POSSIBLE_MRAD = 20.0
-"""No beam comes back into a head from a mirror that is tilted by more: such a slope is not the
-mirror's (CHOSEN)."""
+"""A mirror tilted further returns no beam into a head: such a slope is not the mirror's
+(CHOSEN).
+"""
 
 
 def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, float] | None:
     """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and
-    upwards as seen along the beam.
+    upwards, viewed along the beam.
 
     None for a run along one axis, before every axis has made a step between two good stops, and for
     a tilt above `POSSIBLE_MRAD`.
@@ -61,8 +61,9 @@ def tilt_effect_um(
 
 
 def _across(route: Route) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the unit vectors sideways and upwards as seen along the beam of a body diagonal; they
-    are those of the outward way."""
+    """Return the unit vectors sideways and upwards, viewed along the beam of a body diagonal on the
+    outward way.
+    """
     along = (route.stops_mm[-1] - route.stops_mm[0]) / abs(route.nominal_mm[-1])
     along = along if route.nominal_mm[-1] > 0 else -along
     sideways = np.cross([0.0, 0.0, 1.0], along)

@@ -1,4 +1,4 @@
-"""The passes of a setup against each other: place, pass and size of a step in the laser's count."""
+"""Comparison of the passes of a setup: place, pass and size of a step in the laser's count."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -21,20 +21,24 @@ from stepdiag.daq.passes.slips import (
 )
 
 CLEARLY = 0.5
-"""A pass is named alone where the step explains its own reading there twice as well as that of the
-other pass."""
+"""One pass of two is named where the step explains its own readings there twice as well as those of
+the other pass.
+"""
 TELLS = 6.0
-"""Its own steps show only a step that stands out of them: by so many robust standard deviations."""
+"""The steps of a single pass show only a step that exceeds them by this number of robust standard
+deviations.
+"""
 CONFIRMED = 0.5
-"""An odd step that comes out alike, to so much of its size, when the pass is driven again, is the
-machine's."""
+"""An odd step that repeats within this share of its size when the pass is driven again belongs to
+the machine.
+"""
 
 
 def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ...]]:
-    """Return the doubts against each pass, by its index.
+    """Return the doubts about each pass, by its index.
 
-    Passes that are not whole, and runs of the 4-DOF head, give no doubts. ``alone``: the plan has
-    one pass a setup, judged by its own steps alone.
+    Incomplete passes, and runs of the 4-DOF head, give no doubts. ``alone``: the plan has one pass
+    a setup, judged only by its own steps.
     """
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
     if not passes or passes[0].route.travel.is_fourdof:
@@ -65,10 +69,10 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
 
 
 def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
-    """Return the largest loss of count on the way to a stop, in um, that the other passes of the
-    setup leave possible; infinite where none was counted through there.
+    """Return the largest loss of count on the way to a stop, in um, that is compatible with the
+    other passes of the setup; infinite where no pass counted without a break there.
 
-    A pass in another order of axes does not make the same step.
+    A pass with another order of axes does not make the same step.
     """
     if not each.whole:
         return float("inf")
@@ -85,8 +89,9 @@ def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
 
 
 def _counted_through(each: Pass, other: Pass, place: int) -> bool:
-    """Return whether another pass was driven over the same stops as a pass, and has the step to an
-    outward stop in one stretch of its count."""
+    """Return whether another pass has the same stops as a pass, and made the step to an outward
+    stop within one stretch of its count.
+    """
     along, against = (1 if one.route.outward else -1 for one in (each, other))
     stop = place if other.route.outward else len(other.route) - place
     return other.stretch_at(stop) == other.stretch_at(stop - 1) and np.array_equal(
@@ -110,9 +115,7 @@ def _between(one: "_Readings", other: Pass, place: int) -> float:
 
 
 def _seen_before(each: Pass, step: Step) -> bool:
-    """Return whether a repeated pass shows the same step as before: then the machine makes the
-    step.
-    """
+    """Return whether a repeated pass shows the same step: then the machine makes the step."""
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
         (one.beside_mm - before.beside_mm) * 1e3
@@ -124,10 +127,10 @@ def _seen_before(each: Pass, step: Step) -> bool:
 
 
 def _one_sided(each: Pass) -> int:
-    """Return how many of the first stops of a pass an axis stood at as on the way there: the
-    machine turned round at its first stop.
+    """Return the number of first stops of a pass at which an axis stood as on the way there: the
+    machine reversed at its first stop.
 
-    There the reversal comes in axis by axis; it is not the count's.
+    There the reversal appears axis by axis; it is not an error of the count.
     """
     axes = [each.route.axis_to(index) for index in range(len(each.route))]
     return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0].turned else 0
@@ -137,8 +140,7 @@ class _Readings:
     """The readings of a whole pass in um in the order of the outward route, minus nominal, and
     their uncertainties.
 
-    Of its stops those from ``low`` to ``high`` were come to with every axis in the direction of the
-    pass.
+    ``low`` to ``high`` are the stops that every axis approached in the direction of the pass.
     """
 
     def __init__(self, each: Pass, one_sided: int) -> None:
@@ -159,8 +161,9 @@ class _Readings:
         self.share: Vector = np.abs(np.diff(each.route.nominal_mm)[::along]) / travel_mm
 
     def odd(self) -> Step | None:
-        """Return the step that is unlike the others of its axis, with the index of its stop in this
-        pass."""
+        """Return the step that differs from the others of its axis, with the index of its stop in
+        this pass.
+        """
         step = odd_step(
             np.diff(self.off_um),
             np.hypot(self.u_um[1:], self.u_um[:-1]),
@@ -176,21 +179,23 @@ class _Readings:
         )
 
     def in_pass(self, place: int, size_um: float, noise_um: float) -> Step:
-        """Return a step between the outward stops ``place - 1`` and ``place`` as this pass comes
-        upon it."""
+        """Return a step between the outward stops ``place - 1`` and ``place`` in the order of this
+        pass.
+        """
         return Step(self._stop_in_pass(place), size_um, noise_um)
 
     def _stop_in_pass(self, place: int) -> int:
         return place if self.outward else len(self.off_um) - place
 
     def own_um(self, place: int) -> float:
-        """Return how far this pass's own step there is from the others of its axis, in the sense in
-        which it drives."""
+        """Return the deviation of this pass's own step from the other steps of its axis, in the
+        direction of travel.
+        """
         off = like_its_axis(np.diff(self.off_um), self.axes, place)
         return off if self.outward else -off
 
     def scatter_um(self, place: int) -> float:
-        """Return the robust standard deviation of the other steps of the pass, each against the
+        """Return the robust standard deviation of the other steps of the pass, each relative to the
         steps of its axis.
         """
         return scatter_of_steps(np.diff(self.off_um), self.axes, place)
@@ -198,7 +203,8 @@ class _Readings:
 
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
     """Return the step in which two passes differ, for the first (0), for the second (1), or for
-    both where either may be at fault."""
+    both where either may be wrong.
+    """
     low, high = max(one.low, other.low), min(one.high, other.high)
     between = slice(low, high - 1)
     step = step_in(
@@ -226,8 +232,8 @@ def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
 
 
 def _size_um(each: _Readings, along_outward_um: float) -> float:
-    """Return the size of a step in the count of its pass: a return pass drives over the step the
-    other way.
+    """Return the size of a step in the count of its pass: a return pass makes the step in the
+    opposite direction.
     """
     return along_outward_um if each.outward else -along_outward_um
 

@@ -7,19 +7,22 @@ from dataclasses import dataclass
 from stepdiag.daq.passes.driven import Pass
 
 CLOCK_S = 2.0
-"""The time of day after a power cut: a computer's clock without a network starts in whole
-seconds."""
+"""The uncertainty of the time of day after a power cut: a computer's clock without a network starts
+in whole seconds.
+"""
 TIMED_S = 0.005
 """Times of two stops of one stretch, by the instrument's own number."""
 CHANCE = 0.1
-"""Largest share of a number's values that fits a time by chance; a laser that was switched on anew
-counts its travel from zero, too."""
+"""Largest share of a number's values that fits a time by chance; a laser that was switched on again
+counts its travel from zero, too.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """A pass and what to add to its readings, in mm, so that they count from the first stop of the
-    first pass with the same ``zero``."""
+    """A pass, and the offset in mm of its readings to the first stop of the first pass with the
+    same ``zero``.
+    """
 
     driven: Pass
     zero: int
@@ -28,24 +31,25 @@ class Counted:
 
 @dataclass(slots=True)
 class Numbered:
-    """First and last stop of an unbroken stretch that carry the instrument's own number: the number
-    and its time in s. None before the first."""
+    """First and last stop of an unbroken stretch with the instrument's own number: the number and
+    its time in s. None before the first stop.
+    """
 
     first: tuple[int, float] | None = None
     last: tuple[int, float] | None = None
 
     def add(self, count: int | None, time_s: float) -> None:
-        """Take the next stop; one without a number adds nothing."""
+        """Add the next stop; a stop without a number changes nothing."""
         if count is not None:
             self.last = count, time_s
             self.first = self.first or self.last
 
 
 def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | None:
-    """Return whether the instrument's own number went on between two stretches as the time of day
-    did: then the instrument ran all the while. None without numbers to judge by.
+    """Return whether the instrument's own number continued between two stretches as the time of day
+    did: then the instrument ran throughout. None without numbers to compare.
 
-    The number's rate is that within the longer stretch.
+    The rate of the number is its rate within the longer stretch.
     """
     if before.first is None or before.last is None or after.first is None or after.last is None:
         return None
@@ -65,11 +69,11 @@ def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | N
 
 
 def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
-    """Return the passes in their order; passes of a setup whose counts are joined beyond doubt
-    share a ``zero``, numbered from 1 a setup.
+    """Return the passes in their order; passes of a setup whose counts are certainly joined share a
+    ``zero``, numbered from 1 in each setup.
 
-    A count joins two passes if a stretch of the count reaches into both. A stretch after an
-    unwatched time joins nothing: a step of the count there would be taken for backlash.
+    A count joins two passes if one of its stretches reaches into both. A stretch after an unwatched
+    time joins no passes: a step of the count there would be mistaken for backlash.
     """
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):
@@ -84,9 +88,7 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
 
 
 def _beside(placed: Sequence[Counted], each: Pass) -> Counted:
-    """Return a pass on the count of an earlier pass with a common stretch, else on a count of its
-    own.
-    """
+    """Return a pass on the count of an earlier pass with a common stretch, or on a new count."""
     own = {stretch: zero for stretch, zero in each.zeros().items() if not zero.doubt}
     for other in reversed(placed):
         for stretch, zero in other.driven.zeros().items():

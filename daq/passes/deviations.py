@@ -1,4 +1,4 @@
-"""Deviations as shown: corrected for air, dead path and the mirror's tilt.
+"""Deviations for display: corrected for air, dead path and the mirror's tilt.
 
 Both ways of a setup share one zero, one sign and one numbering.
 """
@@ -17,8 +17,9 @@ from stepdiag.daq.survey.models import Survey
 
 
 class RecentStops:
-    """The stops of the pass last driven and of the pass before it in the same setup; worked out
-    anew only when a stop was added."""
+    """The stops of the newest pass and of the previous pass in the same setup; computed again only
+    after a new stop.
+    """
 
     def __init__(self) -> None:
         self._known: tuple[object, int] = (None, 0)
@@ -57,7 +58,7 @@ def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...
 
 
 def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) -> dict[int, float]:
-    """Return the deviations of a way back on the zero of the way out: by a common count, else
+    """Return the deviations of a way back on the zero of the way out: by a common count, or else
     joined at the far end.
     """
     counted, own = on_one_count([out, back]), _own_um(survey, back)
@@ -76,8 +77,9 @@ def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) ->
 
 
 def _own_um(survey: Survey, each: Pass) -> dict[int, float]:
-    """Return reading - nominal by stop, relative to the pass's first stop, air and tilt put
-    right."""
+    """Return reading - nominal by stop, relative to the pass's first stop, corrected for air and
+    tilt.
+    """
     chosen = each.chosen()
     stops = sorted(chosen)
     if not stops:
@@ -118,5 +120,5 @@ def _pass_stops(each: Pass, deviations_um: dict[int, float]) -> list[StopStatus]
 
 
 def _beside_mm(each: Pass, stop: OnZero) -> float:
-    """Return the reading minus the nominal one of the pass where the machine stood."""
+    """Return the reading minus the nominal reading at the machine's position."""
     return stop.reading_mm - each.route.nominal_at_mm(stop.position_mm)

@@ -23,15 +23,16 @@ DRIVEN_AGAIN = frozenset(
         "too-many-outliers",
     }
 )
-"""Messages that name what is to be driven again."""
+"""Messages that name a pass or stop to drive again."""
 STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
-"""Messages that name a line of the survey file, or a value to state: driving again cures none of
-them."""
+"""Messages that name a line of the survey file, or a value to state: driving again removes none of
+these doubts.
+"""
 
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
-    """A reading that may be off. The doubt keeps its pass open until its stop is measured again or
-    the operator accepts it.
+    """A reading that may be wrong. The doubt keeps its pass open until its stop is measured again
+    or the operator accepts it.
 
     ``stop`` is None for the whole pass. ``taken_ns`` is the beginning of the window in doubt: a
     repeated stop is another measurement, and an acceptance of the earlier measurement does not
@@ -50,14 +51,15 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def place(self) -> str:
-        """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1``
-        the pass as a whole."""
+        """Return the place in its written form: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1``
+        the pass as a whole.
+        """
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
 
     @property
     def at(self) -> Place:
-        """Return the place of the doubt; a doubt from an old file has no direction, and its words
-        name it.
+        """Return the place of the doubt; a doubt from an old file has no direction, and its message
+        names it.
         """
         return Place(
             setup=self.setup,
@@ -69,36 +71,38 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def names_the_cure(self) -> bool:
-        """Return whether its message names a place to be driven again, or a fact to be stated."""
+        """Return whether its message names a place to drive again, or a value to state."""
         return self.is_stated or (isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN)
 
     @property
     def is_stated(self) -> bool:
-        """Return whether a statement cures it, and another drive does not."""
+        """Return whether a statement removes the doubt, and another drive does not."""
         return self.code == "air-unknown" or (
             isinstance(self.why, Message) and self.why.key in STATED
         )
 
     @property
     def line(self) -> str:
-        """Return the line of the survey file that its message names; empty where none is."""
+        """Return the line of the survey file that its message names; empty without a line."""
         return str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
 
     @property
     def words(self) -> Words:
-        """Return the doubt with its place before it."""
+        """Return the doubt, preceded by its place."""
         return at(self.at, self.why)
 
 
 def places_of(doubts: Iterable[Doubt]) -> list[str]:
-    """Return the different places of doubts, in order: two findings at a stop are one place to look
-    at.
+    """Return the different places of doubts, in order: two findings at a stop are one place to
+    inspect.
     """
     return list(dict.fromkeys(doubt.place for doubt in doubts))
 
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
-    """A person's word for a doubt: who, when (seconds since 1970) and why."""
+    """A person's acceptance of a doubt: the person, the time (seconds since 1970) and the
+    reason.
+    """
 
     setup: str
     pass_number: int
@@ -110,14 +114,17 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
 
     def covers(self, doubt: Doubt) -> bool:
-        """Return whether this is about a doubt: the same trouble of the same measurement."""
+        """Return whether an acceptance applies to a doubt: the same finding of the same
+        measurement.
+        """
         mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
         return mine == (doubt.setup, doubt.pass_number, doubt.stop, doubt.code, doubt.taken_ns)
 
 
 class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
-    """A person's word for the time of the first stop, in seconds since 1970: who, when by the
-    clock, and why."""
+    """A person's statement of the time of the first stop, in seconds since 1970: the person, the
+    time by the clock, and the reason.
+    """
 
     begun_s: float
     name: str

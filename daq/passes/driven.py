@@ -1,4 +1,4 @@
-"""A pass as far as driven: its stops with a usable reading, its doubtful stops, and the
+"""A pass as driven until now: its stops with a usable reading, its doubtful stops, and the
 remedies.
 """
 
@@ -29,9 +29,9 @@ class Pass:
     """One pass. A stop measured again replaces the earlier one where their zeros are known to be
     the same.
 
-    ``placed``: the machine sends its position; without it, the operator can only be asked to drive
-    from a stop on while the count of the laser is unbroken. ``acceptances`` is the book's own list;
-    ``against`` the doubts of other passes of the setup.
+    ``placed``: the machine sends its position. Without it, the operator can drive from a stop on
+    only while the count of the laser is unbroken. ``acceptances`` is the book's own list;
+    ``against`` are the doubts from other passes of the setup.
     """
 
     route: Route
@@ -40,7 +40,7 @@ class Pass:
     acceptances: list[Acceptance] = field(default_factory=list)
     against: tuple[Doubt, ...] = ()
     suspected: list[Doubt] = field(default_factory=list)
-    """Doubts of others, such as the solver, against readings of this pass."""
+    """Doubts about readings of this pass from other sources, such as the solver."""
     same_um: InitVar[float] = SAME_UM
     """Largest difference in um of a stop measured twice."""
     _stretches: Stretches = field(default_factory=Stretches)
@@ -71,17 +71,18 @@ class Pass:
 
     @property
     def place(self) -> str:
-        """Return the pass as a person writes it: ``ppp/1``."""
+        """Return the pass in its written form: ``ppp/1``."""
         return f"{self.route.setup}/{self.number}"
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
-        """Return by how much a stop reads more than it did within the same unbroken count; None
-        where it agrees or is new."""
+        """Return the increase of a stop's reading since its earlier reading within the same
+        unbroken count; None where it agrees or is new.
+        """
         return None if stop.refused else self._stretches.differs_um(self._measured(stop, stretch))
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
-        """Take a stop, unless refused. ``slip_um``: its stretch begins with it because its reading
-        differs by so much from before.
+        """Take a stop, unless refused. ``slip_um``: a new stretch begins with this stop, because
+        its reading differs by this amount from before.
         """
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
@@ -107,8 +108,8 @@ class Pass:
         return self._zeros
 
     def chosen(self) -> Chosen:
-        """Return the valid measurement of every stop, by stop number, its reading on the zero of
-        the pass.
+        """Return the valid measurement of every stop, by stop number, with its reading on the zero
+        of the pass.
 
         It is the latest usable measurement; of several at a standstill the measurement without
         doubt and with the most samples: the longest steady part.
@@ -126,7 +127,7 @@ class Pass:
         return self._chosen
 
     def uses(self, stop: CapturedStop) -> bool:
-        """Return whether a captured stop is the measurement that counts of its place."""
+        """Return whether a captured stop is the valid measurement of its place."""
         return stop.stop in self.chosen() and self._used[stop.stop].stop is stop
 
     def _best(self, entries: list[Measured]) -> Measured | None:
@@ -140,7 +141,7 @@ class Pass:
     @property
     def base(self) -> int | None:
         """Return the stretch that the offsets of `chosen` refer to: passes with the same stretch
-        share a zero. None before the first stop.
+        share a zero. None before the first stop of the pass.
         """
         return next(iter(self.zeros()), None)
 
@@ -157,13 +158,13 @@ class Pass:
 
     @property
     def complete(self) -> bool:
-        """Return whether the pass is whole, and whatever may be off in it has been accepted by a
-        person."""
+        """Return whether the pass is whole, and a person has accepted each of its doubts."""
         return self.whole and not self.open_doubts()
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return whatever may be off in the readings in use, accepted or not, in the order of the
-        stops."""
+        """Return the doubts about the readings in use, accepted or not, in the order of the
+        stops.
+        """
         of_stops = [
             self.doubted(stop, code, stop.why(code))
             for stop in self.chosen().values()
@@ -216,8 +217,9 @@ class Pass:
         return self._used[index].stretch if index in self.chosen() else None
 
     def cuts(self) -> dict[int, Unwatched]:
-        """Return the unwatched times of the readings in use, by the stretch afterwards: of those
-        between a stop and the next."""
+        """Return the unwatched times of the readings in use, by the stretch afterwards, for the
+        times between a stop and the next.
+        """
         return {
             stretch: cut
             for stretch, cut in self._stretches.unwatched.items()
@@ -227,7 +229,7 @@ class Pass:
         }
 
     def judge(self, cut: Unwatched, *, proven: bool, unproven: Words = "") -> None:
-        """Take whether the count is proven to have held over an unwatched time, or why not."""
+        """Record whether the count is proven over an unwatched time, or why not."""
         if (proven, unproven) != (cut.proven, cut.unproven):
             cut.proven, cut.unproven = proven, unproven
             self._zeros = self._chosen = None
@@ -236,7 +238,7 @@ class Pass:
         return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None
 
     def doubt(self, index: int) -> Words:
-        """Return why the reading in use at a stop may be off; empty where it is not doubted."""
+        """Return why the reading in use at a stop may be wrong; empty without a doubt."""
         if index not in self.chosen():
             return ""
         stop = self.chosen()[index]
@@ -253,14 +255,15 @@ class Pass:
 
     @property
     def is_driven(self) -> bool:
-        """Return whether another drive cures no open doubt: no stop is missing, and every doubt is
-        of a stated fact.
+        """Return whether another drive removes no open doubt: no stop is missing, and every doubt
+        is about a stated value.
         """
         return not self.missing and all(each.is_stated for each in self.open_doubts())
 
     def why_doubtful(self) -> Words:
-        """Return which stops may be off, why, and how to make sure; empty where none is doubted, or
-        all was accepted."""
+        """Return the stops that may be wrong, the reasons, and the remedy; empty without a doubt,
+        or if all were accepted.
+        """
         still = self.open_doubts()
         if not still:
             return ""
@@ -280,8 +283,7 @@ class Pass:
         return message("stops-off", stops=stops, why=why, stop=self.again_from())
 
     def why_incomplete(self) -> Words:
-        """Return what is missing, or doubted, and what to do about it; empty for a complete
-        pass."""
+        """Return the missing or doubted stops and the remedy; empty for a complete pass."""
         missing = self.missing
         if not missing:
             return self.why_doubtful()
@@ -318,7 +320,7 @@ class Pass:
         return max(self._doubted(still)[0] - (2 if still[0].code == "reading-differs" else 1), 0)
 
     def _doubted(self, still: Sequence[Doubt]) -> list[int]:
-        """Return the stops that are in use and may be off by some doubts."""
+        """Return the stops in use that may be wrong by some doubts."""
         named = {each.stop for each in still}
         return [
             index
@@ -327,8 +329,8 @@ class Pass:
         ]
 
     def _may_go_on(self) -> bool:
-        """Return whether the machine may go on in the middle: its position, or the laser's unbroken
-        count, gives its place.
+        """Return whether the machine may continue in the middle: its position, or the laser's
+        unbroken count, gives its place.
         """
         return (
             self.placed

@@ -1,5 +1,5 @@
-"""The cost of a rejected sensor: the uncertainty of the values in its place, as the budget of a
-survey has it.
+"""The cost of a rejected sensor: the uncertainty of the values that replace it, for the budget of a
+survey.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,8 +24,8 @@ age in s.
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A condition held without its sensor at some of the stops: the number of stops, and the
-    largest standard uncertainty of the values.
+    """A condition without its sensor at some of the stops: the number of stops, and the largest
+    standard uncertainty of the values.
     """
 
     name: str
@@ -69,11 +69,11 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
 def assumed_conditions(
     book: PassBook, survey: Survey, stated: Iterable[str] = ()
 ) -> tuple[Held, ...]:
-    """Return the conditions of the air that the readings depend on and that no sensor measured at
-    some of the stops in use.
+    """Return the conditions of the air that affect the readings and that no sensor measured at some
+    of the stops in use.
 
-    There the value of the survey file counted. None for conditions stated in the file or
-    afterwards; the material's temperature the solver sees to itself.
+    There the value of the survey file was used. None for conditions stated in the file or
+    afterwards; the solver treats the material's temperature itself.
     """
     if survey.laser.compensated or survey.environment.source == "fixed":
         return ()
@@ -110,8 +110,9 @@ def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
 
 
 def _index_u(survey: Survey, u: Mapping[str, float]) -> float:
-    """Return how much less the index of the air is known, relative; 0 where the instrument puts its
-    air right itself."""
+    """Return the additional relative uncertainty of the index of the air; 0 where the instrument
+    corrects its air itself.
+    """
     if survey.laser.compensated or not any(name in u for name in AIR):
         return 0.0
     usual = [np.clip(getattr(survey.environment, name), *HALL[name]) for name in AIR]

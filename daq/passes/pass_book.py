@@ -1,5 +1,4 @@
-"""All passes of a survey: which pass a stop belongs to, what is wanted next, and what may be
-off."""
+"""All passes of a survey: the pass of each stop, the next wanted pass, and the doubts."""
 
 import math
 from collections.abc import Iterable
@@ -26,8 +25,7 @@ from stepdiag.daq.timing.stream import Break
 
 
 class PassBook:
-    """All passes of a survey, built from captured stops in the order in which they were
-    captured."""
+    """All passes of a survey, built from captured stops in the order of their capture."""
 
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
@@ -37,13 +35,13 @@ class PassBook:
         self.preferred = ""
         """The operator's next setup."""
         self.wrong_line = ""
-        """The line of the survey file named as wrong by a finding: until its correction no pass has
-        to be driven again.
+        """The line of the survey file that a finding names as wrong: until its correction no pass
+        has to be driven again.
         """
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
         self.stops = 0
-        """Number of stops taken, usable or not."""
+        """Number of captured stops, usable or not."""
         self.time_stated: TimeStated | None = None
         self._credible: dict[str, Credible] = {}
         self._numbered: dict[int, Numbered] = {}
@@ -60,17 +58,18 @@ class PassBook:
 
     @property
     def last_count(self) -> int | None:
-        """Return the machine's count of the stop that was taken last; None before the first, or
-        where the machine does not count."""
+        """Return the machine's count at the newest stop; None before the first stop, or where the
+        machine does not count.
+        """
         return None if self.last is None else self.last.stop_count
 
     def add_all(self, stops: Iterable[CapturedStop]) -> None:
-        """Take stops in the order of their capture."""
+        """Add stops in the order of their capture."""
         for stop in stops:
             self.add(stop)
 
     def add(self, stop: CapturedStop) -> Pass:
-        """Take the next stop; return the pass it belongs to."""
+        """Add the next stop; return its pass."""
         while self._suspicions and self._suspicions[0][0] <= self.stops:
             self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
@@ -91,7 +90,7 @@ class PassBook:
         return current
 
     def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
-        """Keep the readings of the unbroken count by place: they give the machine's place to the
+        """Store the readings of the unbroken count by place: they give the machine's place to the
         next log.
         """
         if anew or self.last is None or self.last.setup != stop.setup:
@@ -110,8 +109,9 @@ class PassBook:
         return news
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return whatever may be off in the passes of the plan and was not accepted; each keeps its
-        pass open."""
+        """Return the doubts in the passes of the plan that were not accepted; each keeps its pass
+        open.
+        """
         return tuple(
             doubt
             for each in self.passes
@@ -120,8 +120,9 @@ class PassBook:
         )
 
     def suspect(self, doubts: Iterable[Doubt]) -> None:
-        """Take doubts from outside, such as the solver's, in place of those given before. Each
-        holds while its measurement is in use."""
+        """Set the doubts from other sources, such as the solver, in place of the earlier ones. A
+        doubt remains while its measurement is in use.
+        """
         self._suspected = tuple(doubts)
         for each in self.passes:
             each.suspected = [
@@ -131,7 +132,7 @@ class PassBook:
             ]
 
     def foretell(self, suspicions: Iterable[tuple[int, tuple[Doubt, ...]]]) -> None:
-        """Take the suspicions raised during the capture of the stops to be added: the number of
+        """Set the suspicions raised during the capture of the stops to be added: the number of
         stops before each, and its doubts.
 
         A stop driven for a suspicion belongs to the suspected pass; without this it would belong to
@@ -140,7 +141,7 @@ class PassBook:
         self._suspicions = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
-        """Take the operator's acceptance of a doubt; a repetition changes nothing."""
+        """Record the operator's acceptance of a doubt; a repetition changes nothing."""
         if word not in self._acceptances:
             self._acceptances.append(word)
 
@@ -159,8 +160,8 @@ class PassBook:
         return len(route_of(self._planned, stop.setup, 1)) - 1
 
     def deviation(self, stop: CapturedStop) -> tuple[float | None, float | None]:
-        """Return what a stop reads in mm and by how much that deviates from the geometry in um,
-        relative to the first stop of its pass.
+        """Return the reading of a stop in mm and its deviation from the geometry in um, relative to
+        the first stop of its pass.
 
         None where it reads nothing, or its count does not reach back to the first stop.
         """
@@ -185,8 +186,7 @@ class PassBook:
         )
 
     def open_passes(self, setup: str) -> list[int]:
-        """Return the numbers of the wanted passes of a setup that are not whole, or in which
-        something is doubted."""
+        """Return the numbers of the wanted passes of a setup that are incomplete or doubted."""
         done = {each.number for each in self.of(setup) if each.complete}
         return [number for number in self.wanted() if number not in done]
 
@@ -200,12 +200,13 @@ class PassBook:
         )
 
     def complete(self) -> bool:
-        """Return whether every pass of the plan is in, and nothing in it is doubted."""
+        """Return whether every pass of the plan is complete and free of doubts."""
         return not self.next_setup()
 
     def next_setup(self) -> str:
-        """Return the setup that comes next; empty when all are in. A setup begun comes before one
-        not begun."""
+        """Return the setup that comes next; empty when all setups are complete. A setup that was
+        begun comes before one that was not.
+        """
         first = [self.preferred, self.last.setup if self.last is not None else ""]
         for setup in first:
             if setup and self.open_passes(setup):
@@ -246,7 +247,7 @@ class PassBook:
         return replace(self._standing(setup), numbers=numbers)
 
     def _next(self, setup: str, *, outward: bool) -> int:
-        """Return the number of the pass that a stop in a direction would go into."""
+        """Return the number of the pass to which a stop in a direction would belong."""
         found = self._find(setup, outward=outward)
         return (
             found.number
@@ -282,8 +283,7 @@ class PassBook:
         )
 
     def _compare(self, setup: str) -> None:
-        """Hold the passes of a setup against each other where both are whole; what is new is
-        news."""
+        """Compare the passes of a setup where both are whole; only new doubts are reported."""
         passes = self.of(setup)
         known = {doubt for each in passes for doubt in each.against}
         for each, doubts in compare(passes, alone=len(self.wanted()) == 1).items():
@@ -294,8 +294,8 @@ class PassBook:
         self._news += [_as_finding(doubt) for doubt in new]
 
     def _prove(self, setup: str) -> None:
-        """Judge whether the count held over the unwatched times of a setup's passes: the
-        instrument's own number went on, and the other passes leave no room for a lost count.
+        """Judge whether the count is unbroken over the unwatched times of a setup's passes: the
+        instrument's own number continued, and the other passes exclude a lost count.
 
         A number proves that the instrument ran, not that the beam was free.
         """
@@ -347,7 +347,7 @@ class PassBook:
         return next((each for each in same if not each.complete), same[-1] if same else None)
 
     def number_of(self, route: Route) -> int:
-        """Return the number of the pass that a stop of this route would go into."""
+        """Return the number of the pass to which a stop of this route would belong."""
         driven = self.driven
         if (
             driven is not None
@@ -365,15 +365,16 @@ class PassBook:
 
 
 def _believed_only(stop: CapturedStop) -> bool:
-    """Return whether the place of a stop is an assumption only: nothing can be placed by this
-    stop.
+    """Return whether the place of a stop is only an assumption, so that it determines no other
+    place.
     """
     return "place-unknown" in stop.doubt_codes
 
 
 def _unproven(ran: bool | None, hidden_um: float, most_um: float) -> Words:
-    """Return why a count is not proven to have held; empty for an instrument without a number of
-    its own."""
+    """Return why the count is not proven to be unbroken; empty for an instrument without a number
+    of its own.
+    """
     if ran is None:
         return ""
     if not ran:

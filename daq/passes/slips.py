@@ -1,10 +1,10 @@
 """A step of the laser's count that no single reading shows: a slip, a frozen value, a bumped
 mirror.
 
-The count of an interferometer slips and goes on as if nothing had happened; a touched mirror does
-the same. Repeated passes show the step: the difference between two passes over the same stops (out
-against back, one repeat against another) is smooth, reversal and drift included, except at the
-place of the step.
+The count of an interferometer slips and continues without any sign; a touched mirror has the same
+effect. Repeated passes show the step: the difference between two passes over the same stops (out
+and back, or two repetitions) is smooth, reversal and drift included, except at the place of the
+step.
 """
 
 from collections.abc import Sequence
@@ -19,26 +19,28 @@ from stepdiag.daq.passes.stretches import SURE
 Vector = NDArray[np.float64]
 
 TIMES_NOISE = 6.0
-"""A step stands out of its neighbours by so many robust standard deviations, more with few
+"""A step exceeds its neighbours by this number of robust standard deviations, or more with few
 neighbours.
 """
 FEW = 6.0
 LEAST_UM = 1.0
-"""Smaller steps are not looked for: machines do not repeat better over a whole diagonal."""
+"""Smaller steps are not searched: machines do not repeat better over a whole diagonal."""
 OWN_STEPS, FEW_OF_AXIS = 4, 3.0
-"""So many other steps of an axis show its scatter; drawn machines of 500 mm to 4 m that repeat to
-0.2 to 1.5 um are named in less than 1 % of the pairs of passes with it (3 % with two increments and
-1.5 um), in up to 60 % without."""
+"""This number of other steps of an axis shows its scatter. With it, drawn machines of 500 mm to 4 m
+that repeat to 0.2 to 1.5 um are named in less than 1 % of the pairs of passes (3 % with two
+increments and 1.5 um); without it, in up to 60 %.
+"""
 FLOOR_UM = 0.15
-"""The least noise that is believed of a handful of differences."""
+"""The smallest noise assumed of a handful of differences."""
 ALONE_UM = 10.0
 ALONE_STEPS = 5
 """Least number of own steps of an axis by which a single pass is judged, and least size of a step
 that is reported.
 """
 FEW_UM, FEW_UM_M = 50.0, 500.0
-"""Fewer steps have no scatter to be judged by: two of one axis that differ by more than this, and
-so much a metre of step, are no axis."""
+"""A smaller number of steps shows no scatter: two steps of one axis cannot differ by more than
+this, and by more than this share per metre of step, because of the axis.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +48,8 @@ class Step:
     """A step on the way to the stop with this index, in um, and the robust noise of the other
     steps.
 
-    ``instead`` is the stop on the way to which it may have been as well, with the opposite sign;
-    None where there is none.
+    ``instead`` is another stop at which the step may have been, with the opposite sign; None
+    without one.
     """
 
     stop: int
@@ -60,9 +62,9 @@ def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector)
     """Return the single step of an otherwise smooth sequence, or None.
 
     ``values_um`` (n,) are differences of readings at the stops in order, ``u_um`` their standard
-    uncertainties; ``axes`` (n - 1,) the axis that moves from stop to stop and ``share`` the share
-    of its way in the reading: on a long machine a single axis brings all the scatter, and its steps
-    are a third of all.
+    uncertainties; ``axes`` (n - 1,) is the axis that moves from stop to stop and ``share`` the
+    share of its travel in the reading. On a long machine a single axis causes all the scatter, and
+    its steps are a third of all.
     """
     steps_um = np.diff(values_um)
     if len(steps_um) < 3:
@@ -75,8 +77,8 @@ def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector)
 def may_hide_um(
     values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> float:
-    """Return the largest loss of count, in um, that may lie in a step of an otherwise smooth
-    sequence: the step itself and what such steps scatter; infinite for fewer than three steps.
+    """Return the largest loss of count, in um, that a step of an otherwise smooth sequence may
+    hide: the step itself plus the scatter of such steps; infinite for fewer than three steps.
 
     Arguments as in `step_in`; ``at`` is the index of the step.
     """
@@ -90,8 +92,9 @@ def may_hide_um(
 
 
 def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) -> float:
-    """Return how large a step may be by the others of its axis: so many robust standard
-    deviations."""
+    """Return the limit of a step by the others of its axis: a number of robust standard
+    deviations.
+    """
     scatter_um, few = _scatter_of_axis(off_um, axes, share, at)
     return TIMES_NOISE * few * scatter_um
 
@@ -99,8 +102,9 @@ def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) 
 def _scatter_of_axis(
     off_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> tuple[float, float]:
-    """Return the robust standard deviation of a step by the others of its axis, of few by those of
-    all axes, and the factor for their small number."""
+    """Return the robust standard deviation of a step by the others of its axis (of all axes if
+    these are few), and the factor for their small number.
+    """
     others = np.arange(len(off_um)) != at
     own = others & (np.array(axes) == axes[at])
     used = own if np.count_nonzero(own) >= OWN_STEPS else others
@@ -111,11 +115,11 @@ def _scatter_of_axis(
 def odd_step(
     steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Vector
 ) -> Step | None:
-    """Return the single step of a pass that is unlike the others of its axis, or None.
+    """Return the single step of a pass that differs from the others of its axis, or None.
 
     ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` their axes and ``nominal_mm``
-    their nominal sizes. Tilt of the mirror and scale of the axis make all steps of an axis alike.
-    Of few steps only a size that no axis makes is reported; None also for an axis with a single
+    their nominal sizes. Tilt of the mirror and scale of the axis change all steps of an axis alike.
+    With few steps, only a size that no axis causes is reported; None also for an axis with a single
     step.
     """
     found = []
@@ -136,8 +140,8 @@ def odd_step(
 
 
 def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[Step]:
-    """Return the step furthest from the other few steps of an axis, if further than the least; else
-    nothing.
+    """Return the step furthest from the few other steps of an axis, if its distance exceeds the
+    limit; else None.
     """
     off = np.array(
         [step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)]
@@ -156,8 +160,9 @@ def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[S
 
 
 def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return by how much the step to a stop differs from the median of the other steps of its axis,
-    in um; NaN where there is no other."""
+    """Return the difference of the step to a stop from the median of the other steps of its axis,
+    in um; NaN where there is no other.
+    """
     others = [
         steps_um[index]
         for index, axis in enumerate(axes)
@@ -167,8 +172,8 @@ def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 
 
 def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return the robust standard deviation in um of the steps of a pass, each against the steps of
-    its axis, without the step to a stop.
+    """Return the robust standard deviation in um of the steps of a pass, each relative to the steps
+    of its axis, without the step to a stop.
     """
     off: list[float] = []
     for axis in dict.fromkeys(axes):
@@ -186,8 +191,9 @@ def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 def _outlier(
     steps_um: Vector, u_um: Vector, least_um: float, usual_um: Vector | None = None
 ) -> Step | None:
-    """Return the step furthest from the others, where it is further than the least and than its own
-    ``usual_um``."""
+    """Return the step furthest from the others, if its distance exceeds the limit and its own
+    ``usual_um``.
+    """
     if len(steps_um) < 3:
         return None
     off = steps_um - np.median(steps_um)

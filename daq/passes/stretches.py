@@ -1,8 +1,8 @@
-"""The stretches of unbroken count of one pass, and what they have to be shifted by to share a zero.
+"""The stretches of unbroken count of one pass, and the offsets that give them a common zero.
 
-A laser that loses its count goes on from another zero. A stop measured before and after gives the
-offset, if the mirror and everything else stayed unchanged: then all stops measured in both
-stretches agree.
+A laser that loses its count continues from another zero. A stop measured before and after the loss
+gives the offset, if the mirror and everything else stayed unchanged: then all stops measured in
+both stretches agree.
 """
 
 import math
@@ -19,7 +19,7 @@ SAME_UM = 1.5
 machine and its drift meanwhile. More is a loss of the laser.
 """
 SURE = 3.0
-"""Standard uncertainties of readings and machine that are allowed for."""
+"""Number of standard uncertainties of readings and machine that a difference may reach."""
 
 
 def same_um(repeatability_um: float) -> float:
@@ -30,9 +30,10 @@ def same_um(repeatability_um: float) -> float:
 
 
 class OnZero(CapturedStop, frozen=True, kw_only=True):
-    """A stop whose ``reading_mm`` counts from the zero of its pass; NaN if the laser reads nothing.
+    """A stop whose ``reading_mm`` counts from the zero of its pass; NaN without a reading of the
+    laser.
 
-    Every display or comparison of readings takes this type: the raw count of the laser has another
+    Every display or comparison of readings uses this type: the raw count of the laser has another
     zero after every loss.
     """
 
@@ -57,8 +58,9 @@ class Measured:
     stretch: int
     visit: int = 0
     nominal_mm: float = 0.0
-    """The nominal reading where the machine stood: positions of two visits differ by what encoders
-    scatter and programs round."""
+    """The nominal reading at the machine's position: positions of two visits differ by the scatter
+    of encoders and the rounding of programs.
+    """
 
     @property
     def beside_mm(self) -> float:
@@ -83,11 +85,11 @@ class Zero:
 
 @dataclass(slots=True)
 class Unwatched:
-    """A time between two stretches in which the count may have been lost: the stretch before, the
-    first stop afterwards, why, and the finding's code.
+    """A time between two stretches in which the count may have been lost: the earlier stretch, the
+    first stop afterwards, the reason, and the finding's code.
 
-    ``proven``: the instrument's own number and the other passes prove that the count held;
-    ``unproven``: why they do not, as far as they are there.
+    ``proven``: the instrument's own number and the other passes prove that the count is unbroken;
+    ``unproven``: why they do not, if they exist.
     """
 
     before: int
@@ -99,7 +101,7 @@ class Unwatched:
 
     @property
     def doubt(self) -> Words:
-        """Return the reason of the doubt; empty where the count is proven to have held."""
+        """Return the reason of the doubt; empty where the count is proven to be unbroken."""
         if self.proven:
             return ""
         if self.unproven:
@@ -111,7 +113,7 @@ class Unwatched:
 
 @dataclass(frozen=True, slots=True)
 class Slip:
-    """A stop that reads otherwise than before although nothing was seen to happen to the laser."""
+    """A stop whose reading differs from before without an event of the laser."""
 
     stop: int
     size_um: float
@@ -134,7 +136,7 @@ class Stretches:
 
     def differs_um(self, now: Measured) -> float | None:
         """Return the increase of a stop's reading over the same stretch; None if the stretch did
-        not measure it, or agrees.
+        not measure it, or the readings agree.
         """
         same = [
             entry
@@ -152,7 +154,7 @@ class Stretches:
         )
 
     def zeros(self, stops: int) -> Zeros:
-        """Return the zero of every stretch that has one, of a pass with so many stops.
+        """Return the zero of every stretch that has one, of a pass with the given number of stops.
 
         The zero of the first stop's stretch is 0; if another stretch alone gives the whole pass,
         the pass was repeated and the last such stretch counts. Stretches are joined by common
@@ -192,8 +194,8 @@ class Stretches:
         return zeros
 
     def _join(self, zeros: Zeros) -> bool:
-        """Join a further stretch to the stretches with a known zero; return whether there was
-        one.
+        """Join a further stretch to the stretches with a known zero; return whether this was
+        possible.
         """
         others = dict.fromkeys(
             entry.stretch
@@ -210,8 +212,9 @@ class Stretches:
         return False
 
     def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
-        """Yield of every stop measured in a stretch and in a known one: the shift in mm, the known
-        zero, and the shift's uncertainty."""
+        """Yield the shift in mm, the known zero, and the shift's uncertainty for every stop
+        measured in both a given and a known stretch.
+        """
         for entries in self.measured.values():
             last = {
                 entry.stretch: entry
@@ -228,8 +231,8 @@ class Stretches:
                 )
 
     def _agree(self, shifts: list[tuple[float, Zero, float]]) -> bool:
-        """Return whether all stops measured in two stretches agree on the shift between them; else
-        the mirror was moved.
+        """Return whether all stops measured in two stretches agree on the shift between them; if
+        not, the mirror was moved.
         """
         return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(u_um for _, _, u_um in shifts)
 
@@ -242,8 +245,8 @@ class Stretches:
         return Zero(offset_mm, known.doubt, known.code, known.size_um)
 
     def _slip_between(self, stretch: int, known: Zero) -> Slip | None:
-        """Return the slip at the beginning of the later of two stretches: the stretch to be joined,
-        or the known stretch.
+        """Return the slip at the beginning of the later of two stretches: the stretch to join, or
+        the known stretch.
         """
         return self.slips.get(stretch) or next(
             (
@@ -255,8 +258,8 @@ class Stretches:
         )
 
     def _presume(self, zeros: Zeros) -> bool:
-        """Assume that a further stretch kept the count of the stretch before; return whether there
-        was one.
+        """Assume that a further stretch kept the count of the previous stretch; return whether
+        there was such a stretch.
         """
         for stretch, cut in self.unwatched.items():
             if stretch not in zeros and cut.before in zeros:
@@ -267,8 +270,9 @@ class Stretches:
         return False
 
     def misfit_um(self, zeros: Zeros) -> float | None:
-        """Return by how much stops measured twice disagree on the shift, where that keeps stretches
-        apart; None where nothing does."""
+        """Return the disagreement on the shift of stops measured twice, where it keeps stretches
+        separate; None otherwise.
+        """
         apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(
             zeros
         )
@@ -281,10 +285,10 @@ class Stretches:
 
 
 def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
-    """Return a known zero for a stretch joined by these readings: a doubt of the readings is a
-    doubt of the stretch.
+    """Return a known zero for a stretch joined by these readings: a doubt about the readings is a
+    doubt about the stretch.
 
-    A stop measured again by itself takes over the error of its earlier reading.
+    A stop measured again alone takes over the error of its earlier reading.
     """
     doubtful = next((each for each in readings if each.doubts), None)
     if known.doubt or doubtful is None:
@@ -293,10 +297,10 @@ def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
 
 
 def _of_one_count(stop: CapturedStop) -> bool:
-    """Return whether a reading can be compared with others of its stop: for a reading with a step
-    inside, the part in use may be of the count before.
+    """Return whether a reading can be compared with others of its stop: within a reading with a
+    step, the part in use may belong to the earlier count.
 
-    At a stop where the machine turned round, the axes stood on the other side.
+    At a stop where the machine reversed, the axes stood on the other side.
     """
     return "window-step" not in stop.doubt_codes and not stop.turned
 

@@ -11,22 +11,24 @@ from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
-"""The day of the first release: no log is older, so a clock with an earlier time was never set, or
-has lost its time (1970, 2000, the day of the image). Later releases keep the day: logs of before
-stay dated."""
+"""The day of the first release: no log is older, so an earlier clock was never set, or has lost its
+time (1970, 2000, the day of the image). Later releases keep the day: older logs keep their date.
+"""
 
 
 def span_s(book: PassBook) -> tuple[float, float]:
-    """Return when the first and the last stop in use were captured, in seconds since 1970. Raises
-    ValueError for a book without stops."""
+    """Return the times of capture of the first and the last stop in use, in seconds since 1970.
+    Raises ValueError for a book without stops.
+    """
     times = [stop.time_s for each in book.passes for stop in each.chosen().values()]
     begun_s = min(times) if book.time_stated is None else book.time_stated.begun_s
     return begun_s, begun_s + max(times) - min(times)
 
 
 def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Finding]:
-    """Yield that the clock was never set, as a warning until the time is stated; ``now_s`` is the
-    clock of a survey without a stop."""
+    """Yield the finding of a clock that was never set, as a warning until the time is stated;
+    ``now_s`` is the clock of a survey without a stop.
+    """
     times = [stop.time_s for each in book.passes for stop in each.chosen().values()] or (
         [] if now_s is None else [now_s]
     )

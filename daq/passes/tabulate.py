@@ -1,5 +1,6 @@
-"""From passes to the solver's table of readings: on one zero while the count is unbroken, air and
-material put right, once."""
+"""From passes to the solver's table of readings: on one zero while the count is unbroken, corrected
+for air and material, once.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -25,10 +26,10 @@ def tabulate(
     """Return the readings of whole laser passes, rows in the order of passes and stops.
 
     Readings are relative to the first stop of the setup while the laser's count is unbroken:
-    ``zero`` numbers its stretches. An instrument that counts in vacuum wavelengths gets each stop's
-    own air; on request of the survey file, each axis is reduced to 20 C. Runs of the 4-DOF head
-    carry no laser reading and are left out. ``environment`` holds conditions, by their names in the
-    survey file, that replace the recorded values.
+    ``zero`` numbers its stretches. For an instrument that counts in vacuum wavelengths, the air of
+    each stop is used; if the survey file requests it, each axis is reduced to 20 C. Runs of the
+    4-DOF head have no laser reading and are left out. ``environment`` holds conditions, by their
+    names in the survey file, that replace the recorded values.
     """
     stated = dict(environment or {})
     survey = msgspec.structs.replace(
@@ -67,10 +68,10 @@ def tabulate(
 def _rows(
     survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
 ) -> tuple[Vector, list[OnZero]]:
-    """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its
-    count, and the stops they come from.
+    """Return the corrected readings of a pass, relative to the first stop of the ``first`` pass on
+    its count, and their stops.
 
-    The stops have the conditions that were ``stated`` afterwards.
+    The stops have the conditions ``stated`` afterwards.
     """
     chosen = one.driven.chosen()
     stops = [

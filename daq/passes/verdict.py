@@ -1,8 +1,8 @@
-"""The final findings of a survey: open doubts, accepted doubts, values in place of a sensor, and
+"""The final findings of a survey: open doubts, accepted doubts, values that replace a sensor, and
 events.
 
-A finding belongs to its stop and leaves with the stop: a finding cured by a repeated pass is
-history, and blocks nothing.
+A finding belongs to its stop and disappears with the stop: a finding removed by a repeated pass is
+history and blocks nothing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,14 +18,14 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
 
 STATED = ("air-unknown", "sensor-jump")
-"""Doubts of conditions: they end where the conditions are stated afterwards."""
+"""Doubts about conditions: they end where the conditions are stated afterwards."""
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
-    """Return the doubts from the solver's errors about the readings they name: of a stop, a pass,
-    every pass of a setup, or each of the passes that the data do not separate.
+    """Return the doubts from the solver's errors about the readings that the errors name: a stop, a
+    pass, every pass of a setup, or each of the passes that the data do not separate.
 
-    An error that names none is about all of them.
+    An error without a name applies to all of them.
     """
     return [
         doubt
@@ -61,7 +61,7 @@ def settled_findings(
     """Return the findings of the result: open doubts as errors, accepted doubts as warnings with
     their acceptance, without duplicates.
 
-    ``stated`` are conditions given afterwards: a doubt of these conditions alone is settled.
+    ``stated`` are conditions given afterwards: a doubt about these conditions only is settled.
     """
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
     doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
@@ -75,7 +75,7 @@ def settled_findings(
 
 
 def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
-    """Return whether a doubt is of conditions, all of which were stated."""
+    """Return whether all conditions of a doubt were stated."""
     named = set(_arguments(doubt.why))
     meant = {name for name, condition in CONDITIONS.items() if condition in named}
     return doubt.code in STATED and bool(meant) and meant <= set(stated)
@@ -119,8 +119,9 @@ def _finding(severity: Severity, doubt: Doubt, what: Message) -> Finding:
 
 
 def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield which conditions are not those of a sensor, at how many stops, and how sure is what
-    counts in their place."""
+    """Yield the conditions that are not from a sensor, the number of their stops, and the
+    uncertainty of the values used instead.
+    """
     stops = sum(len(each.chosen()) for each in book.passes)
     for held in held_conditions(book, stated):
         u = message("with-unit", value=held.u, unit=COURSES[held.name].unit)
@@ -133,8 +134,9 @@ def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
 
 
 def assumed_findings(survey: Survey, stops: int, unmeasured: Iterable[Held]) -> Iterator[Finding]:
-    """Yield which conditions of the air no sensor measured, at how many of the ``stops``, what
-    counts in their place and how sure."""
+    """Yield the conditions of the air that no sensor measured, their number of ``stops``, the
+    values used instead and their uncertainty.
+    """
     for one in unmeasured:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)
         stated, u = (

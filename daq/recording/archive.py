@@ -1,11 +1,11 @@
-"""Keeping a survey's folder within a budget: finished rounds are packed tighter, the oldest first.
-Nothing is ever removed.
+"""Keeping a survey's folder within a limit of size: finished rounds are packed more tightly, the
+oldest first. No file is ever removed.
 
-A log is written in small chunks, so that a kill loses little; packed, its records are the same in
-chunks of a megabyte at zstd's level 19, which takes four tenths off (a pack of whole files, already
-compressed, would take nothing off). A packed log stays a log: replay, `info` and the viewers read
-it as before. It replaces the log only after every record was read back and compared. To be run in a
-process of its own.
+A log is written in small chunks, so that an interruption loses little. A packed log has the same
+records in chunks of a megabyte at zstd's level 19, which saves four tenths (an archive of whole,
+already compressed files would save nothing). A packed log remains a log: replay, `info` and the
+viewers read it as before. It replaces the log only after every record was read back and compared.
+Runs in a separate process.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ from stepdiag.daq.records.survey_folder import RESULT, logs_in
 PACKED_CHUNK_BYTES = 1_000_000
 LEVEL = 19
 MARK = ".packed"
-"""Stands in a folder whose logs are packed."""
+"""The file that marks a folder whose logs are packed."""
 _ONE_AT_A_TIME = threading.Lock()
 _SUFFIX = ".packing"
 _DRAIN_BYTES = 4_000_000
@@ -49,7 +49,7 @@ magic bytes.
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """A finished round whose logs were packed, and by how much they shrank."""
+    """A finished round whose logs were packed, and the bytes saved."""
 
     folder: Path
     saved_bytes: int
@@ -121,9 +121,9 @@ def index_holds(log: Path) -> bool:
     """Return whether the index behind the records of a whole log is unchanged: the digest of the
     records leaves it out.
 
-    Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of everything from ``summary_start`` to the
-    checksum itself; 0 is none. The record before it is DataEnd: readers pass over a record of
-    unknown kind.
+    Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of the bytes from ``summary_start`` to the
+    checksum itself; 0 means none. The record before it is DataEnd: readers skip a record of unknown
+    kind.
     """
     data = log.read_bytes()
     if len(data) < _FOOTER.size + len(_MAGIC):
@@ -165,11 +165,11 @@ def _copy(log: Path, file: PartFile) -> None:
 
 @contextmanager
 def _tight() -> Iterator[None]:
-    """Have the MCAP writer, which offers no choice of level, compress as tightly as possible; for
-    this process, which does nothing else.
+    """Make the MCAP writer, which offers no choice of level, compress as tightly as possible; for
+    this process, which does no other work.
 
-    A single use at a time: a second use would find the level taken back meanwhile, and pack the
-    same log to other bytes.
+    Only one use at a time: a second use would find the level reset meanwhile, and pack the same log
+    to other bytes.
     """
     names = vars(mcap.writer)
     with _ONE_AT_A_TIME:

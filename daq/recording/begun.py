@@ -1,8 +1,8 @@
-"""The operator's word to a daemon of a machine without signals: this setup is going to be driven
-now.
+"""The operator's announcement to a daemon of a machine without signals: the named setup is driven
+next.
 
-One JSON object a line in ``begun.jsonl`` beside the lock, only ever appended to; a daemon reads
-added lines while it runs.
+One JSON object a line in ``begun.jsonl`` beside the lock; lines are only appended, and a daemon
+reads new lines while it runs.
 """
 
 import time
@@ -16,7 +16,7 @@ from stepdiag.daq.recording.verdicts import LARGEST_BYTES, append_line
 
 BEGUN = "begun.jsonl"
 OLD_S = 30.0
-"""A word older than this in s was meant for an earlier daemon."""
+"""An announcement older than this in s was meant for an earlier daemon."""
 _log = structlog.get_logger("begun")
 
 
@@ -29,7 +29,9 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def ask_to_begin(folder: Path, setup: str, name: str) -> None:
-    """Leave the word, on disk when this returns. Raises UsageError where it cannot be written."""
+    """Append the announcement; it is on disk when this returns. Raises UsageError where the file
+    cannot be written.
+    """
     append_line(
         folder / BEGUN, msgspec.json.encode(Begun(setup=setup, name=name, time_s=time.time()))
     )
@@ -43,7 +45,7 @@ class BegunWords:
         self._size = self._length()
 
     def news(self) -> list[Begun]:
-        """Return the words added since this was asked for the last time."""
+        """Return the announcements added since the last call."""
         before, self._size = self._size, self._length()
         if self._size <= before:
             return []

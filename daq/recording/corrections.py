@@ -1,10 +1,10 @@
 """A survey file corrected after its logs: the changes of another file, and the same logs read by
 it.
 
-A log is never written to. A correction is a JSON object a line in ``corrected.jsonl`` beside the
-logs: operator, time, the changed lines, and the survey file valid from then on. The end of a pass
-depends on the file, so the logs of a round are read as a single stream of events by the session
-that recorded them: a pass cut in two by a wrong map is whole again.
+A log is never changed. A correction is a JSON object a line in ``corrected.jsonl`` beside the logs:
+operator, time, the changed lines, and the survey file valid from then on. The end of a pass depends
+on the file, so the session that recorded the logs of a round reads them as a single stream of
+events: a pass cut in two by a wrong map is whole again.
 """
 
 from collections.abc import Iterator, Sequence
@@ -75,8 +75,9 @@ WAYS = (
 
 
 class Correction(msgspec.Struct, frozen=True, kw_only=True):
-    """One correction: when (seconds since 1970), by whom, which lines (``laser.sign: 1 -> -1``),
-    and the file that counts from then on."""
+    """One correction: the time (seconds since 1970), the operator, the changed lines (``laser.sign:
+    1 -> -1``), and the file valid from then on.
+    """
 
     time_s: float
     name: str
@@ -100,12 +101,12 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def begins_round(self) -> bool:
-        """Return whether the machine has to be driven anew."""
+        """Return whether the machine must be driven again."""
         return _within(self.line, NEW_ROUND) and not self._renames
 
     @property
     def reads_otherwise(self) -> bool:
-        """Return whether the logs are to be read anew."""
+        """Return whether the logs must be read again."""
         return self._renames or (
             _within(self.line, READING)
             and not any(part in WAYS for part in self.line.split(".")[1:2])
@@ -113,8 +114,9 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def _renames(self) -> bool:
-        """Return whether the same setups stand in another order: the logs are of each other's
-        setup."""
+        """Return whether the order of the same setups changed: the logs then belong to each other's
+        setup.
+        """
         if self.line != "plan.setups":
             return False
         before, after = (
@@ -144,18 +146,21 @@ def _differing(name: str, before: Any, after: Any) -> Iterator[Change]:
 
 
 def corrections_in(folder: Path) -> tuple[Correction, ...]:
-    """Return the corrections of a round in order; the last one counts."""
+    """Return the corrections of a round in order; the last one is valid."""
     return tuple(lines_of(folder / CORRECTED, Correction))
 
 
 def note_correction(folder: Path, correction: Correction) -> None:
-    """Add a correction, on disk when this returns. Raises UsageError where it cannot be written."""
+    """Add a correction, on disk when this returns. Raises UsageError where the file cannot be
+    written.
+    """
     append_line(folder / CORRECTED, msgspec.json.encode(correction))
 
 
 def text_of(folder: Path, logs: Sequence[Path]) -> str:
-    """Return the survey file that counts for a round: of the last correction, else of its last log;
-    empty where there is no log."""
+    """Return the valid survey file of a round: of the last correction, or else of its last log;
+    empty without a log.
+    """
     corrected = corrections_in(folder)
     if corrected:
         return corrected[-1].survey_text
@@ -163,8 +168,8 @@ def text_of(folder: Path, logs: Sequence[Path]) -> str:
 
 
 def compared(recorded: str, text: str) -> list[Change] | None:
-    """Return the changes of a survey file against the valid file; None if the old file is
-    unreadable by now.
+    """Return the changes of a survey file from the valid file; None if the old file is no longer
+    readable.
 
     Further setups are no change: the recording stays valid.
     """
@@ -178,8 +183,8 @@ def compared(recorded: str, text: str) -> list[Change] | None:
 
 
 def drives_otherwise(recorded: str, text: str) -> bool:
-    """Return whether a survey file changes the drive of the machine against the valid file, or the
-    latter is unreadable by now.
+    """Return whether a survey file changes the drive of the machine from the valid file, or the
+    valid file is no longer readable.
     """
     found = compared(recorded, text)
     return found is None or any(each.begins_round for each in found)
@@ -187,7 +192,7 @@ def drives_otherwise(recorded: str, text: str) -> bool:
 
 def has_further(text: str, recorded: str) -> bool:
     """Return whether a survey file has further setups than that of a log, and drives the others as
-    before, whatever it corrects.
+    before, whatever else it corrects.
     """
     try:
         before, after = parse_survey(recorded, "log"), parse_survey(text, "survey")
@@ -198,7 +203,7 @@ def has_further(text: str, recorded: str) -> bool:
 
 
 def must_reread(logs: Sequence[Path], text: str) -> bool:
-    """Return whether the logs' own notes do not hold what a survey file makes of them."""
+    """Return whether the notes in the logs differ from the result of a survey file."""
     recorded = dict.fromkeys(open_log(log).header.survey_text for log in logs)
     found = [compared(each, text) for each in recorded if each != text]
     return any(each is None or any(change.reads_otherwise for change in each) for each in found)
@@ -209,10 +214,10 @@ def replay_corrected(
     survey_file: Path | None = None,
     suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> Replayed:
-    """Return the contents of a round's logs by the valid survey file: as recorded, or read by a
-    corrected file.
+    """Return the contents of a round's logs by the valid survey file: as recorded, or read again
+    with a corrected file.
 
-    ``survey_file`` replaces an unusable file. Raises as `replay`.
+    ``survey_file`` replaces an unusable file. Raises the errors of `replay`.
     """
     text = read_text(survey_file) if survey_file is not None else text_of(logs[0].parent, logs)
     headers = [open_log(log).header for log in logs]
@@ -259,11 +264,11 @@ def reread(
     source: str,
     suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> tuple[Session, list[tuple[Path, Outcome]]]:
-    """Return the session after reading the events of a round's logs by a survey file, and the
+    """Return the session after reading the events of a round's logs with a survey file, and the
     outcomes of each log.
 
-    Events that a log repeats from before its opening are read once. Raises as `parse_survey` and
-    `open_log`.
+    Events from before its opening that a log repeats are read once. Raises the errors of
+    `parse_survey` and `open_log`.
     """
     survey = parse_survey(text, source)
     found: list[tuple[Path, Outcome]] = []

@@ -1,5 +1,5 @@
 """The answer to the machine that its stop is captured and that it may move on; and the alarm for a
-machine that still waits.
+machine that waits in vain.
 """
 
 from collections.abc import Callable
@@ -10,17 +10,17 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 
 LEAST_PATIENCE_S = 1.0
-"""A stop takes its window and a few polls even if the plan has a shorter dwell."""
+"""A stop needs its window and a few polls, even if the plan has a shorter dwell."""
 MOST_TIMES = 3
-"""Answers to a machine that has never moved on, before it is named."""
+"""Number of answers to a machine that has never moved on, before a finding names it."""
 
 
 class Handshake:
-    """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell gets the
-    answer again, or is named.
+    """``stop_count`` and ``captured`` must become equal: a machine that waits longer than a dwell
+    gets the answer again, or a finding names it.
 
-    ``tell`` takes a stop count; ``owed`` is the count of the last stop in the logs, in case a
-    daemon died before writing to the machine. ``alarm`` states in words that the machine waits in
+    ``tell`` receives a stop count; ``owed`` is the count of the last stop in the logs, in case a
+    daemon ended before it wrote to the machine. ``alarm`` is the message that the machine waits in
     vain; empty otherwise.
     """
 
@@ -37,14 +37,14 @@ class Handshake:
         self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
-        """Take a stop; the machine has left a recovered stop long ago."""
+        """Process a captured stop; the machine has left a recovered stop long ago."""
         if stop.stop_count is not None and not stop.recovered:
             self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
     def written(self, refused: Words) -> Finding | None:
-        """Take note whether the machine took a written value, and of the reason of a refusal;
-        return its finding, once.
+        """Record whether the machine accepted a written value, and the reason of a refusal; return
+        its finding, once.
         """
         before, self._refused = self._refused, refused
         if not refused or before:
@@ -55,7 +55,7 @@ class Handshake:
     def look(
         self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]
     ) -> Finding | None:
-        """Look at a poll; write an unread answer again, and return the finding of a machine that
+        """Process a poll; write an unread answer again, and return the finding of a machine that
         waits in vain.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None
@@ -74,8 +74,8 @@ class Handshake:
         return finding("error", waits)
 
     def _tell_again(self, count: int, now_ns: int) -> None:
-        """Answer a machine that still stands: its PLC may have started again, or the last daemon
-        died before writing.
+        """Answer a machine that still stands: its PLC may have restarted, or the last daemon ended
+        before it wrote.
         """
         if self._written_ns is None or now_ns - self._written_ns > self._patience_ns:
             self._written_ns = now_ns
@@ -83,8 +83,9 @@ class Handshake:
             self._tell(count)
 
     def _in_vain(self, count: int, now_ns: int) -> bool:
-        """Return whether the machine waits in vain: the answer fails, or the machine does not read
-        it. A machine that has read an answer before may stand for its own reasons.
+        """Return whether the machine waits in vain: writing the answer fails, or the machine does
+        not read the answer. A machine that has read an answer before may stand for reasons of its
+        own.
         """
         if count == self._written:
             return bool(self._refused) or (not self._worked and self._written_times >= MOST_TIMES)

@@ -1,5 +1,6 @@
-"""Listening to the lines between two logs: an instrument that sends and is not understood is named
-before anybody drives a pass."""
+"""Examining the lines between two logs: an instrument that sends unreadable bytes is named before a
+pass is driven.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,21 +17,21 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag
 
 PATIENCE_NS = 3_000_000_000
-"""Longest time in ns in which an instrument's bytes may make no sense: its line was opened in the
-middle of a word, or its power has just come.
+"""Longest time in ns in which an instrument's bytes may be unreadable: its line was opened in the
+middle of a word, or its power was just switched on.
 """
 SILENCE_NS = 500_000_000
-"""A silence spends no more than this of the patience: noise at opening is no evidence about the
-instrument that gets power an hour later.
+"""A silence uses up at most this part of that time: noise at the opening of a line is no evidence
+about an instrument that gets power an hour later.
 """
 SECOND_NS = 1_000_000_000
 
 
 @dataclass(slots=True)
 class _Ear:
-    """The bytes of a line since it was opened, until they made sense.
+    """The bytes of a line since its opening, until they give readings.
 
-    ``before``: an instrument was named on this line already, before a loss.
+    ``before``: a finding has named an instrument on this line already, before a loss.
     """
 
     decoder: Decoder
@@ -55,9 +56,9 @@ class _Ear:
             self._decode(data, chunk.arrival_ns)
 
     def after_loss(self, decoder: Decoder) -> "_Ear":
-        """Return the ear for who comes back. Patience goes on over the loss, or a line that hangs
-        up every second would never be named; once named it begins anew, or the line would be named
-        again and again.
+        """Return the state for an instrument that comes back. The waiting time continues over the
+        loss, or a line that is interrupted every second would never be named. After a finding it
+        begins anew, or the line would be named again and again.
         """
         before = (self.before or self.reported) and not self.understood
         return _Ear(
@@ -65,7 +66,7 @@ class _Ear:
         )
 
     def _looked_at(self, chunk: Chunk) -> bytes:
-        """Return the bytes examined after the report of senseless bytes: the beginning of every
+        """Return the bytes examined after the report of unreadable bytes: the beginning of every
         second.
         """
         if chunk.arrival_ns - self.looked_ns >= SECOND_NS:
@@ -84,7 +85,7 @@ class _Ear:
 
 
 class Listening:
-    """Reads every stream of a survey. A line understood once is not examined again before a
+    """Reads every stream of a survey. A line that has given readings is not examined again before a
     loss.
     """
 
@@ -93,14 +94,14 @@ class Listening:
         self._ears = _ears(survey)
 
     def take_link(self, event: LinkEvent) -> None:
-        """Take a change of a link: a line that comes back may lead to another instrument."""
+        """Process a change of a link: a line that comes back may lead to another instrument."""
         if event.link != "machine" and event.interrupts:
             self._ears[event.link] = self._ears[event.link].after_loss(
                 decoders(self._survey)[event.link]
             )
 
     def take(self, chunk: Chunk) -> Iterator[Finding]:
-        """Take a chunk; yield, once, that no byte of the line is usable."""
+        """Process a chunk; yield, once, the finding that no byte of the line is usable."""
         ear = self._ears.get(chunk.stream)
         if ear is None or ear.understood:
             return

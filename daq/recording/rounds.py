@@ -49,7 +49,7 @@ from stepdiag.daq.replay import begun_logs
 
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
-"""The year 2100: a time beyond is none of a recorder."""
+"""The year 2100: no recorder can show a later time."""
 _SETUP = re.compile(rf"(?:{'|'.join(DRIVEN_SETUPS)})(?:\+[1-9][0-9]{{0,3}})?")
 
 _log = structlog.get_logger("rounds")
@@ -65,8 +65,8 @@ class FolderLock:
 
     @classmethod
     def take(cls, folder: Path) -> Self:
-        """Return the lock of a folder, made if need be. Raises UsageError if another daemon holds
-        it or it cannot be written.
+        """Return the lock of a folder, created if necessary. Raises UsageError if another daemon
+        holds the lock or it cannot be written.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ class FolderLock:
         return cls(descriptor, folder)
 
     def require_folder(self) -> None:
-        """Raise DeviceError if the folder is no more the same: unmounted, moved or removed while
+        """Raise DeviceError if the folder is no longer the same: unmounted, moved or removed while
         this process records.
         """
         found: Words = message("folder-of-another")
@@ -115,7 +115,7 @@ class FolderLock:
 
 def _sign(descriptor: int, folder: Path) -> None:
     """Write the holder into the lock, for the refusal of another daemon. Raises UsageError where
-    the folder takes nothing.
+    the folder cannot be written.
     """
     try:
         os.ftruncate(descriptor, 0)
@@ -129,7 +129,7 @@ def _sign(descriptor: int, folder: Path) -> None:
 
 
 def is_recording(folder: Path) -> bool:
-    """Return whether a daemon holds the folder now; nothing is made or changed."""
+    """Return whether a daemon holds the folder now; nothing is created or changed."""
     try:
         with (folder / LOCK).open("rb") as file:
             lock(file.fileno(), shared=True)
@@ -151,11 +151,12 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to go on with: the last round if it is not complete and its survey file
-    drives the machine alike, or this file has further setups; else a new round.
+    """Return the round to continue: the last round if it is incomplete and its survey file drives
+    the machine alike, or if this file has further setups; otherwise a new round.
 
-    If this file reads registers or laser differently, the stops come from the logs read by this
-    file; this fact stands beside them. Logs that were cut off are mended first, into new files.
+    If this file reads registers or laser differently, the stops come from the logs read with this
+    file; a note beside the logs records this. Logs that were cut off are mended first, into new
+    files.
     """
     rounds = round_folders(folder)
     if not rounds:
@@ -196,7 +197,7 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 def gone_on_with(folder: Path, survey_text: str) -> Path:
     """Return the folder of a round without a result: the round itself; if a survey file has further
     setups than a round with a result, and drives these as before, a new round with the same logs.
-    Statements of the operator or the solver beside the logs are in it, too.
+    It includes the statements of the operator or the solver beside the logs.
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
@@ -213,7 +214,7 @@ def gone_on_with(folder: Path, survey_text: str) -> Path:
 
 
 def _copied(path: Path, target: Path) -> None:
-    """Have a file under another name, too; logs are never written to again, all else is."""
+    """Give a file a second name; logs are never changed again, other files are copied."""
     with suppress(OSError):
         if path.suffix != ".jsonl":
             target.hardlink_to(path)
@@ -227,8 +228,8 @@ def next_round(begun: Round) -> Round:
 
 
 def mend(folder: Path) -> None:
-    """Recover every log of a folder that was cut off; a log beyond repair is reported and left
-    unchanged.
+    """Recover every log of a folder that was cut off; a log that cannot be recovered is reported
+    and left unchanged.
     """
     for part in sorted(folder.glob(f"*.mcap{PART_SUFFIX}")):
         if part.with_suffix("").exists():
@@ -255,8 +256,9 @@ class Noted:
 
 
 def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
-    """Return the stops and findings of a round as its survey file makes them: from the logs' notes,
-    else from their bytes."""
+    """Return the stops and findings of a round by its survey file: from the logs' notes, or else
+    from their bytes.
+    """
     if logs and must_reread(logs, survey_text):
         _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)
         outcomes = [outcome for _, outcome in found]
@@ -270,13 +272,16 @@ def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
 
 
 def noted_stops(log: Path) -> list[CapturedStop]:
-    """Return the captured stops that a log's notes hold, in order. Raises as `noted_in` does."""
+    """Return the captured stops that a log's notes hold, in order. Raises the errors of
+    `noted_in`.
+    """
     return list(noted_in(log).stops)
 
 
 def noted_in(log: Path) -> Noted:
     """Return the stops and findings that a log's notes hold. Raises DataError for notes that no
-    recorder of ours has written."""
+    recorder of this program has written.
+    """
     stops, findings = list[CapturedStop](), list[Finding]()
     topics: dict[int, str] = {}
     for record in RecordReader(log):

@@ -3,7 +3,7 @@
 An ``.rtx`` is text lines ``key: value`` with CRLF, a line ``Data:``, float64 little-endian, and
 ``EOF::``. No maker's document is public: the layout is that of a public reader and its sample's
 header (TanmayPani/rtx2csv @c2571a0, 2025-11), which does not name the unit. So the owner of a
-series always states its unit.
+series must always state its unit.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,14 @@ MM = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}
 HEADER, DATA, END = b"HEADER::", b"Data:\r\n", b"EOF::"
 LONGEST_HEADER = 65_536
 STEADY = 0.5
-"""Share of a sample period by which a row may come early or late: beyond it a sample is missing,
-and the series is two."""
+"""Share of a sample period by which a row may be early or late: beyond it a sample is missing, and
+the series is refused.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Positions in mm, shape (N,), ``rate_hz`` of them a second."""
+    """Positions in mm, shape (N,), with ``rate_hz`` positions a second."""
 
     position_mm: Vector
     rate_hz: float

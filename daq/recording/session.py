@@ -1,5 +1,5 @@
-"""Beginning and end of a log, and the open passes of the survey: the recording's decisions, without
-any input or output of its own.
+"""Beginning and end of a log, and the open passes of the survey: the decisions of the recording,
+without any input or output.
 """
 
 import dataclasses
@@ -48,18 +48,18 @@ from stepdiag.daq.timing.strip import Strip
 
 PREROLL_NS = 8_000_000_000
 PREROLL_BYTES = 4_000_000
-"""Bytes in a log from before its opening: with the stop signal alone, the first dwell has begun
-before the pass is recognised.
+"""Size of the bytes that a log holds from before its opening: with the stop signal alone, the first
+dwell begins before the pass is recognised.
 """
 SAMPLE_NOTE_NS = 200_000_000
 SIGNALS_NOTE_NS = 500_000_000
 """Period in ns of the reading and the signals in a log, for a viewer."""
 IDLE_CLOSE_NS = 5_000_000_000
-"""A log without a single stop is closed when the program has been gone this long."""
+"""Time after which a log without a stop is closed when the program no longer runs."""
 
 
 INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
-"""The break before a session that goes on with a pass of an earlier daemon."""
+"""The break before a session that continues a pass of an earlier daemon."""
 
 
 class LogSink(Protocol):
@@ -77,8 +77,9 @@ class Round:
     """A survey on disk: its folder, the ``stepdiag.run`` of every log, and the contents of its
     logs.
 
-    The contents are the stops, the findings, and beside the logs the words of the operator and the
-    solver. ``left`` is the last stop of the survey before, at which the machine may still stand.
+    The contents are the stops, the findings, and the statements of the operator and the solver
+    beside the logs. ``left`` is the last stop of the previous survey, at which the machine may
+    still stand.
     """
 
     folder: Path
@@ -91,12 +92,12 @@ class Round:
 
 
 class Session:
-    """Follows the events of one survey from the first stop to the last. Everything happens in
+    """Follows the events of one survey from the first stop to the last. All work is done in
     ``consume``.
 
-    ``on_outcome`` receives every finding and end at once, and every stop once it is safe in the
-    log: in the recorder's thread therefore. A session that is not ``armed`` first waits for the end
-    of the running program: this belongs to the survey before.
+    ``on_outcome`` receives every finding and end at once, and every stop as soon as it is safe in
+    the log; the latter call comes from the recorder's thread. A session that is not ``armed`` first
+    waits for the end of the running program, which belongs to the previous survey.
     """
 
     def __init__(
@@ -146,19 +147,23 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None
-        """The count of the last stop taken, in case a daemon died before writing to the machine."""
+        """The count of the last captured stop, in case a daemon ended before it wrote to the
+        machine.
+        """
         self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
         self.book.wrong_line = next(filter(None, map(line_to_correct, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
-        """Why the survey cannot be solved although every pass is in; empty where that is not so."""
+        """Why the survey cannot be solved although every pass is complete; empty if there is no
+        reason.
+        """
         self.shown_zero_mm = 0.0
 
     def _stand_at(self, last: CapturedStop | None) -> None:
-        """Store the end of a pass taken by another daemon: the machine waits there for the answer
-        lost with the daemon, and for no new pass.
+        """Store the end of a pass captured by another daemon: the machine waits there for the
+        answer that was lost with the daemon, not for a new pass.
 
         Without a counter it is unknown whether the machine stood there all the time.
         """
@@ -183,26 +188,27 @@ class Session:
     @property
     def strip(self) -> Strip:
         """Return the newest readings for display. The samples are decoded here: a chunk that
-        nothing displays waits for its neighbours.
+        nothing displays waits for further chunks.
         """
         self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
         return self._strip
 
     @property
     def machine_waits(self) -> bool:
-        """Return whether the machine stands at a stop until the answer that the stop is
+        """Return whether the machine stands at a stop until it receives the answer that the stop is
         captured.
         """
         return self.capture is not None and self.capture.machine_waits
 
     @property
     def samples(self) -> int:
-        """Return how many samples of the laser were recorded."""
+        """Return the number of recorded samples of the laser."""
         return self._samples + (self.capture.laser.samples if self.capture is not None else 0)
 
     def consume(self, event: Event) -> None:
-        """Take the next event: into the log first, then into the capture; or keep it until a log
-        begins."""
+        """Process the next event: into the log first, then into the capture; or keep it until a log
+        begins.
+        """
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
             (self._down.discard if event.state == "connected" else self._down.add)(event.link)
@@ -217,8 +223,7 @@ class Session:
                 self._feed(capture, admitted)
 
     def begin(self, setup: str, at_ns: int) -> None:
-        """Begin a setup of a machine without signals, on the operator's word that the setup is
-        going to be driven now.
+        """Begin a setup of a machine without signals, after the operator's announcement.
 
         Raises UsageError if the machine signals setups, a pass is being recorded, or no pass of the
         setup is wanted.
@@ -237,7 +242,7 @@ class Session:
         self._begin_log(at_ns)
 
     def _why_not(self, setup: str) -> Words:
-        """Return why a setup cannot be begun; empty where it can."""
+        """Return why a setup cannot be begun; empty if it can."""
         planned = self.survey.plan.all_setups
         if not self.survey.plc.silent:
             return message("found-says-itself")
@@ -257,8 +262,7 @@ class Session:
         )
 
     def close(self, reason: Message) -> None:
-        """End the open log, if any, in good order: the daemon stops, or a person aborts the
-        setup."""
+        """Close the open log, if any: the daemon stops, or a person aborts the setup."""
         if self.capture is not None:
             for outcome in self.capture.finish():
                 self._heed(outcome)
@@ -266,11 +270,11 @@ class Session:
             self._end_log("interrupted", reason)
 
     def hear(self, verdicts: Verdicts) -> None:
-        """Take what persons and the solver have added since."""
+        """Add the statements made since by persons and the solver."""
         self.unsolved = verdicts.tell(self.book)
 
     def as_round(self, verdicts: Verdicts) -> Round:
-        """Return the survey's present state, to go on with it."""
+        """Return the survey's present state, to continue from it."""
         return Round(
             self.folder,
             self.round.run,
@@ -281,23 +285,24 @@ class Session:
         )
 
     def say(self, finding: Finding) -> None:
-        """Take a finding from outside the recording; it stands in the open log too, if any."""
+        """Add a finding from outside the recording; an open log stores it too."""
         self._heed(finding)
 
     def remark(self, what: Message) -> None:
-        """Leave a line for a person in the open log, if any."""
+        """Write a line for a person into the open log, if any."""
         if self.capture is not None:
             self._sink.note(log_note(now_ns(), "warning", str(what), "daemon"))
 
     def found(self, finding: Finding) -> None:
-        """Keep an event from outside, beside the events of the capture."""
+        """Store an event from outside, beside the events of the capture."""
         self.findings.append(finding)
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
 
     def conditions(self) -> dict[str, float]:
-        """Return what a sensor or the laser sent last of air and material, where the survey takes
-        them from it."""
+        """Return the last values of air and material from a sensor or the laser, where the survey
+        uses them.
+        """
         sensor = self._idle_air() if self.capture is None else self.capture.air
         return {
             name: sensor.conditions[name]
@@ -327,7 +332,7 @@ class Session:
                 self._begin_log(time_of(event))
 
     def _hear(self, chunk: Chunk) -> None:
-        """Follow a stream while nothing is recorded of it."""
+        """Follow a stream while it is not recorded."""
         if chunk.stream in self._idle:
             self._idle[chunk.stream].feed(chunk.data, chunk.arrival_ns)
             self._idle[chunk.stream].forget_breaks()
@@ -347,7 +352,7 @@ class Session:
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
-        """Return whether a log is to begin: the program runs and a pass of it is open, or the
+        """Return whether a log has to begin: the program runs and one of its passes is open, or the
         machine stands at a stop.
         """
         self._armed = self._armed or self._left(signals)
@@ -363,7 +368,7 @@ class Session:
         return signals.stopped is True or (named and self._wanted(signals.setup))
 
     def _left(self, signals: Signals) -> bool:
-        """Return whether the program of the survey before is over, by the signals."""
+        """Return whether the program of the previous survey is over, by the signals."""
         if signals.running is None and signals.setup is None:
             return not signals.stopped
         return (
@@ -453,8 +458,8 @@ class Session:
             self._end_log("aborted", message("ended-without-stop"))
 
     def _go_on(self, now_ns: int, *, whole: bool) -> None:
-        """Begin the next pass of the setup begun by the operator: the program drives the passes in
-        turn.
+        """Begin the next pass of the setup announced by the operator: the program drives the passes
+        in turn.
         """
         self._passes_left -= 1
         if self._begun and whole and self._passes_left > 0 and self.book.open_passes(self._begun):
@@ -468,7 +473,7 @@ class Session:
         self._begin_log(now_ns)
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
-        """Return whether a log without a stop has been left by the program for a while."""
+        """Return whether the program has been outside a log without a stop for a while."""
         signals = capture.signals
         if (
             capture.walk is not None
@@ -511,7 +516,7 @@ class Session:
         self._on_outcome(outcome)
 
     def _draw(self, stop: CapturedStop) -> None:
-        """Leave the scene after a stop in the log."""
+        """Write the scene after a stop into the log."""
         self._drawn.append(stop)
         walk = self.capture.walk if self.capture is not None else None
         if walk is not None:
@@ -527,8 +532,7 @@ class Session:
         return dataclasses.replace(found, pass_number=self.book.number_of(walk.route))
 
     def _note(self, capture: Capture, event: Event) -> None:
-        """Leave the reading and the signals in the log, a few times a second, for a person to look
-        at."""
+        """Write the reading and the signals into the log, a few times a second, for display."""
         now = time_of(event)
         if (
             isinstance(event, Chunk)
@@ -555,7 +559,7 @@ class Session:
 
 
 def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
-    """Return what is listened to between two logs."""
+    """Return the examination of the lines between two logs."""
     return {
         stream: StreamBuffer(decoder)
         for stream, decoder in decoders(survey).items()

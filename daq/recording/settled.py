@@ -1,4 +1,4 @@
-"""Whether a survey is settled: every pass is in, and every doubt accepted."""
+"""Whether a survey is settled: every pass is complete, and every doubt accepted."""
 
 from typing import Literal
 
@@ -9,10 +9,10 @@ Settlement = Literal["", "complete", "doubted"]
 
 
 class Settled:
-    """Answers for survey after survey, and stores early questions.
+    """Answers for one survey after another, and stores questions that come too early.
 
     While a log is open the answer is unknown: the log may bring another measurement of the doubtful
-    stop. The log may also end without a pass, and then no other event would ask again.
+    stop. The log may also end without a pass, and then no other event would repeat the question.
     """
 
     def __init__(self) -> None:
@@ -20,12 +20,13 @@ class Settled:
         self._asked_too_early = False
 
     def know(self, session: Session) -> None:
-        """Take what stands beside a survey for known: its session was begun with it."""
+        """Mark the statements beside a survey as known: its session began with them."""
         self._mark = (session.folder, *mark_of(session.folder))
 
     def heard(self, session: Session) -> bool:
-        """Give a session what persons have added to its survey beside this process; return whether
-        that was anything new."""
+        """Pass to a session the statements that persons added to its survey outside this process;
+        return whether there were new ones.
+        """
         mark = (session.folder, *mark_of(session.folder))
         if mark == self._mark:
             return False
@@ -34,13 +35,13 @@ class Settled:
         return True
 
     def due(self, session: Session) -> bool:
-        """Return whether to ask for the survey now because the question came while a log was
+        """Return whether to examine the survey now because the question came while a log was
         open.
         """
         return self._asked_too_early and not session.recording
 
     def of(self, session: Session) -> Settlement:
-        """Return whether a survey is complete, or open for a doubt alone; empty for a missing pass,
+        """Return whether a survey is complete, or open only for a doubt; empty for a missing pass,
         or before this is known.
         """
         self._asked_too_early = session.recording

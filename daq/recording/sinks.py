@@ -13,11 +13,12 @@ from stepdiag.daq.records.events import Event
 
 
 class DirectSink:
-    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`):
-    nothing here waits for a disk."""
+    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`),
+    without waiting for a disk.
+    """
 
     def begin(self, path: Path, header: LogHeader) -> None:
-        """Begin a log. Raises FileExistsError where one is in its place."""
+        """Begin a log. Raises FileExistsError where a log exists at its path."""
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = PartFile(path)
         self._writer = LogWriter(self._file, header)
@@ -46,7 +47,7 @@ class DirectSink:
 
 
 class Nowhere:
-    """A sink that keeps nothing."""
+    """A sink that stores nothing."""
 
     def begin(self, path: Path, header: LogHeader) -> None:
         """Begin nothing."""

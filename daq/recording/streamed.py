@@ -1,9 +1,10 @@
-"""A setup recorded by another program: its series of positions goes through the session of a live
-laser.
+"""A setup recorded by another program: the session processes its series of positions like those of
+a live laser.
 
-The samples are lines as the survey's ``[laser.line]`` describes them, on a host's clock that is
-made from the sample's number. So the log, its replay, the doubts and the result equal those of a
-laser recorded here, and stops are named as for a machine without signals (`daq.capture.by_laser`).
+The samples become lines as the survey's ``[laser.line]`` describes them, with a host's clock
+computed from the sample's number. So the log, its replay, the doubts and the result equal those of
+a laser recorded here, and stops are named as for a machine without signals
+(`daq.capture.by_laser`).
 """
 
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from stepdiag.daq.survey.models import Survey
 
 SECOND_NS = 1_000_000_000
 CHUNK_S = 0.05
-"""A serial line hands over about so much at a time."""
+"""Number of bytes that a serial line passes on at a time."""
 LINE = "{count} {position:.9f}\n"
 SECTION = """[laser]
 format = "line"
@@ -70,8 +71,8 @@ def record_series(
     pass after pass.
 
     Raises UsageError if the survey has no open pass of the setup, DataError if the series lacks a
-    stop of a pass: then no stop is named that the plan does not place; its logs stay, like the logs
-    of a pass driven in vain.
+    stop of a pass: then only stops that the plan places are named, and its logs remain, like the
+    logs of an unsuccessful pass.
     """
     taken: list[CapturedStop] = []
     session = Session(
@@ -103,8 +104,9 @@ def record_series(
 
 
 def _chunks(series: Series) -> Iterator[Chunk]:
-    """Yield the samples as chunks of lines, each arriving with its last sample; the machine stands
-    on at the end of the series."""
+    """Yield the samples as chunks of lines, each arriving with its last sample; at the end of the
+    series the machine remains standing.
+    """
     size = max(1, round(CHUNK_S * series.rate_hz))
     for first in range(0, len(series.position_mm), size):
         part = series.position_mm[first : first + size]

@@ -1,9 +1,8 @@
-"""The links of a survey: made from its file, kept, watched; what they bring becomes events in the
-event loop.
+"""The links of a survey: made from its file, kept open and supervised; their data become events in
+the event loop.
 
-A chunk does not wake the loop: with a poll of the machine every twentieth of a second or oftener
-the loop is awake soon enough, and sixty more wake-ups a second would cost a tenth of the daemon's
-work.
+A chunk does not wake the loop: with a poll of the machine at least every twentieth of a second the
+loop runs soon enough, and sixty more wake-ups a second would cost a tenth of the daemon's work.
 """
 
 import asyncio
@@ -31,13 +30,13 @@ from stepdiag.daq.timing.samples import Decoder
 Consume = Callable[[Event], None]
 Statuses = tuple[LinkStatus, LinkStatus, LinkStatus | None, LinkStatus | None]
 WAKE_NS = 30_000_000
-"""A chunk that comes so long after the last ones were collected wakes the loop."""
+"""A chunk that arrives this long after the last collection wakes the loop."""
 SLICE_NS = 100_000_000
-"""Longest time in ns for which the loop works on chunks before all else: seconds of any sound
-instrument.
+"""Longest time in ns during which the loop processes chunks before other work: seconds of data of
+any sound instrument.
 """
 MOST_WAITING_BYTES = 4_000_000
-"""Chunks beyond these are lost, and reported as lost: ten seconds of the fastest line."""
+"""Chunks beyond this size are lost, and reported as lost: ten seconds of the fastest line."""
 
 
 class SurveyLinks:
@@ -45,8 +44,8 @@ class SurveyLinks:
 
     ``consume`` is called in the event loop, in the order of arrival.
 
-    ``on_written`` receives every register written to the machine: the reason of a refusal, or
-    nothing for success.
+    ``on_written`` receives the result of every register written to the machine: the reason of a
+    refusal, or nothing for success.
     """
 
     def __init__(
@@ -79,8 +78,9 @@ class SurveyLinks:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def run(self) -> None:
-        """Keep all links until cancelled. Raises where one of them died of a fault of this
-        program."""
+        """Keep all links open until cancelled. Raises an error where a fault of this program ended
+        one of them.
+        """
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._fail(), name="collect")
@@ -91,7 +91,7 @@ class SurveyLinks:
             self.collect()
 
     def collect(self) -> None:
-        """Hand on the chunks that have arrived.
+        """Pass on the chunks that have arrived.
 
         If a line brings too much, every other turn belongs to the machine, the page and the end of
         the daemon: after `SLICE_NS` nothing is handed on for as long again.
@@ -119,7 +119,7 @@ class SurveyLinks:
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
-        """Have what the instruments sent until now brought at once: a task waits for it."""
+        """Collect the bytes that the instruments sent until now at once: a task waits for them."""
         self._collected_ns = 0
         for stream in self._streams:
             stream.hurry()
@@ -132,7 +132,7 @@ class SurveyLinks:
         self._poller.write_soon(place.table, place.address, stop_count)
 
     def dead(self) -> Iterator[str]:
-        """Yield the links whose worker is no more."""
+        """Yield the links whose worker has ended."""
         return (task.get_name() for task in self._tasks if task.done())
 
     def statuses(self) -> Statuses:
@@ -171,8 +171,9 @@ class SurveyLinks:
         return Reconnector(stream, line.session, self._reporter(stream))
 
     def _receiver(self, stream: Stream) -> OnChunk:
-        """Return what the reading thread calls: the chunk, stamped there, waits until the loop
-        collects it."""
+        """Return the function that the reading thread calls: the chunk, stamped there, waits until
+        the loop collects it.
+        """
 
         def arrived(data: bytes, arrival_ns: int) -> None:
             if self._arrived_bytes > MOST_WAITING_BYTES:
@@ -187,15 +188,17 @@ class SurveyLinks:
         return arrived
 
     def _wake(self) -> None:
-        """Have the loop collect once more, after everything waiting there; from any thread, and
-        once for several calls.
+        """Make the loop collect once more, after all waiting work; from any thread, and once for
+        several calls.
         """
         if not self._woken:
             self._woken = True
             self._loop.call_soon_threadsafe(self._collect_or_fail)
 
     def _collect_or_fail(self) -> None:
-        """Collect in a turn of its own, whose failure would go unseen: it ends `run`."""
+        """Collect in a separate turn of the loop; a failure would be unnoticed there, so it ends
+        `run`.
+        """
         try:
             self.collect()
         except Exception as fault:  # noqa: BLE001 - raised by `run`

@@ -2,7 +2,7 @@
 of the solver without a result.
 
 Three files of a JSON object a line, only ever appended to: ``accepted.jsonl``, ``dated.jsonl`` and
-``judged.jsonl``. A line torn by a power failure is passed over: its acceptance is then open again.
+``judged.jsonl``. A line torn by a power failure is skipped: its acceptance is then open again.
 """
 
 import os
@@ -25,18 +25,18 @@ DATED = "dated.jsonl"
 JUDGED = "judged.jsonl"
 CORRECTED = "corrected.jsonl"
 WORDS = (ACCEPTED, DATED, JUDGED, CORRECTED)
-"""The files that always go with the logs of a survey."""
+"""The files that always belong to the logs of a survey."""
 LARGEST_BYTES = 4_000_000
-"""More is none that persons write."""
+"""Size in bytes above which the file was not written by persons."""
 Line = TypeVar("Line", bound=msgspec.Struct)
 
 _log = structlog.get_logger("verdicts")
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
-    """The reason why the solver found no result fit for export.
+    """The reason why the solver found no result suitable for export.
 
-    ``stops`` is the number of stops captured at that time (out of date after another stop);
+    ``stops`` is the number of captured stops at that time (out of date after another stop);
     ``reason`` is in words; ``doubts`` are the most probable faults, none if no repeated pass would
     help.
     """
@@ -52,20 +52,20 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
     accepted: tuple[Acceptance, ...] = ()
     judgements: tuple[Judgement, ...] = ()
-    """All verdicts of the solver, in order: the last counts."""
+    """All verdicts of the solver, in order: the last is valid."""
     dated: tuple[TimeStated, ...] = ()
-    """The times that persons stated, in order: the last counts."""
+    """The times that persons stated, in order: the last is valid."""
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
-        """Return the suspicions and the number of stops before each, in the form that a book
-        without stops takes.
+        """Return the suspicions and the number of stops before each, in the form for a book without
+        stops.
         """
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
     def tell(self, book: PassBook) -> Words:
         """Pass the verdicts to the passes of a survey; return the reason why it cannot be solved
-        although every pass is in, empty if it can.
+        although every pass is complete, empty if it can.
         """
         for word in self.accepted:
             book.accept(word)
@@ -80,7 +80,7 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def verdicts_in(folder: Path) -> Verdicts:
-    """Return the verdicts on the survey whose logs are in a folder; empty where there are none."""
+    """Return the verdicts on the survey whose logs are in a folder; empty without verdicts."""
     return Verdicts(
         accepted=tuple(lines_of(folder / ACCEPTED, Acceptance)),
         judgements=tuple(lines_of(folder / JUDGED, Judgement)),
@@ -89,7 +89,7 @@ def verdicts_in(folder: Path) -> Verdicts:
 
 
 def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float) -> None:
-    """Add a person's word for doubts, on disk when this returns.
+    """Add a person's acceptance of doubts; on disk when this returns.
 
     Raises UsageError where the reason or the name is empty, or the file cannot be written.
     """
@@ -102,8 +102,9 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
 
 
 def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: float) -> None:
-    """Add a person's word for the time of the first stop, in seconds since 1970, on disk when this
-    returns. Raises as `accept`."""
+    """Add a person's statement of the time of the first stop, in seconds since 1970; on disk when
+    this returns. Raises the errors of `accept`.
+    """
     _require_words(reason=reason, name=name)
     word = TimeStated(begun_s=begun_s, name=name.strip(), reason=reason.strip(), time_s=time_s)
     append_line(folder / DATED, msgspec.json.encode(word))
@@ -123,10 +124,10 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """Return the open doubts at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass
     with all its stops.
 
-    A finding's code, such as ``too-many-outliers``, means all doubts of that kind; a line of the
-    survey file, all that it is the cause of.
+    A finding's code, such as ``too-many-outliers``, means all doubts with that code; a line of the
+    survey file means all doubts that it causes.
 
-    Raises UsageError if there is none, naming the open doubts.
+    Raises UsageError, with the open doubts, if there is no such doubt.
     """
     found = [
         doubt
@@ -147,8 +148,9 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
 
 
 def note_judgement(folder: Path, judged: Judgement) -> None:
-    """Add the verdict of the solver, on disk when this returns. Raises UsageError where it cannot
-    be written."""
+    """Add the verdict of the solver; on disk when this returns. Raises UsageError where the file
+    cannot be written.
+    """
     append_line(folder / JUDGED, msgspec.json.encode(judged))
 
 
@@ -160,8 +162,9 @@ def mark_of(folder: Path) -> tuple[int, ...]:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Add a line behind whatever stands there, a torn line included; on disk when this returns, or
-    not there at all. Raises UsageError."""
+    """Append a line after the existing content, a torn line included; on disk when this returns, or
+    not written at all. Raises UsageError.
+    """
     before = path.stat().st_size if path.exists() else None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -188,7 +191,7 @@ def _back_to(path: Path, size: int | None) -> None:
 
 
 def lines_of(path: Path, kind: type[Line]) -> list[Line]:
-    """Return the lines of a file that hold values of this kind; torn lines are passed over. None
+    """Return the lines of a file that hold values of this kind; torn lines are skipped. Empty
     without a file.
     """
     if not path.is_file():

@@ -1,7 +1,7 @@
 """The events that enter `daq.capture.capture`, live and replayed: bytes, register blocks, and
 changes of the links.
 
-The order of the events is the order of recording and of consumption; a replay hands over the same
+The order of the events is the order of recording and of consumption; a replay passes on the same
 events in the same order and so gives the same result. Every time is the recording host's clock
 (`daq.timing.host_clock`) in nanoseconds. (Structs, because a replay makes millions of them: a tenth
 of the time of frozen dataclasses.)
@@ -21,7 +21,7 @@ from stepdiag.daq.records.status import LinkState
 Stream = Literal["laser", "head", "air"]
 """A stream of bytes: the laser, the 4-DOF head beside it, or the sensor of air and material."""
 Link = Literal["laser", "head", "air", "machine"]
-"""A stream, or the machine's Modbus: the parts that are connected or lost."""
+"""A stream, or the machine's Modbus: the parts that can be connected or lost."""
 _TABLE = r"^(?:coil|discrete|holding|input|db[1-9][0-9]{0,4}|[BMIO])\Z"
 Table = Annotated[
     str,
@@ -39,14 +39,15 @@ REGISTER_TABLES = ("holding", "input")
 
 
 def is_table(name: str) -> bool:
-    """Return whether there is a table of this name."""
+    """Return whether a table with this name exists."""
     return re.match(_TABLE, name) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class ReadRange:
     """``count`` consecutive bits (coil, discrete), registers (holding, input) or bytes (any other
-    table) from ``address``: one request."""
+    table) from ``address``, read by one request.
+    """
 
     table: Table
     address: int
@@ -54,15 +55,16 @@ class ReadRange:
 
     @property
     def byte_count(self) -> int:
-        """Return the length of the data of the answer as it stands on the wire."""
+        """Return the length of the answer's data in bytes."""
         if self.table in BIT_TABLES:
             return (self.count + 7) // 8
         return 2 * self.count if self.table in REGISTER_TABLES else self.count
 
 
 class Chunk(msgspec.Struct, frozen=True, gc=False):
-    """Bytes of a stream, stamped right after the read that brought them; ``arrival_ns`` is a whole
-    number of microseconds."""
+    """Bytes of a stream, stamped right after their read; ``arrival_ns`` is a whole number of
+    microseconds.
+    """
 
     stream: Stream
     arrival_ns: int
@@ -74,8 +76,8 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
 
     ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]``
     answers ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant
-    first, bytes are as they came; ``b""`` stands for a refused range. (The name is older than the
-    other ways to ask a machine, and stands in every log.)
+    first, bytes are unchanged; ``b""`` means a refused range. (The name is older than the other
+    protocols of a machine, and every log contains it.)
     """
 
     send_ns: int
@@ -85,8 +87,9 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
 
 
 class LinkEvent(msgspec.Struct, frozen=True, gc=False):
-    """A link changed its state, or lost bytes: ``lost`` are the places where it lost them, and how
-    often."""
+    """A link changed its state, or lost bytes: ``lost`` holds the places of the losses, and their
+    number.
+    """
 
     time_ns: int
     link: Link
@@ -96,28 +99,29 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def words(self) -> Words:
-        """Return the state in words, and what was lost."""
+        """Return the state in words, and the losses."""
         return with_lost(self.detail, self.lost)
 
     @property
     def interrupts(self) -> bool:
-        """Return whether a half line before it must be discarded: so after a lost link; silence and
-        lost bytes leave the line open."""
+        """Return whether an incomplete line before it must be discarded: after a lost link it must;
+        after silence and lost bytes the line remains open.
+        """
         return self.state == "lost"
 
 
 def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
-    """Return the state of a link in words, and what it lost."""
+    """Return the state of a link in words, and its losses."""
     return joined(
         [each for each in (detail, message("bytes-lost-at", causes=lost) if lost else "") if each]
     )
 
 
 class Loss(msgspec.Struct, frozen=True, gc=False):
-    """The recorder could not follow (disk full, disk too slow): this many events before this event
-    were not kept.
+    """The recorder was too slow (disk full, disk too slow): this number of events before this event
+    was not stored.
 
-    An event that was not recorded is not consumed either, so a replay sees the events of the live
+    An event that was not recorded is not consumed either, so a replay gets the events of the live
     capture.
     """
 

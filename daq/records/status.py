@@ -38,7 +38,7 @@ CommandName = Literal[
 
 
 State = Literal["open", "accepted", "past"]
-"""Whether a finding keeps its pass open, was accepted, or is past."""
+"""State of a finding: it keeps its pass open, was accepted, or is past."""
 
 
 class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,7 +52,7 @@ class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The next pass and its gain, or the end of the survey, in words. ``setup`` is the next setup,
-    empty at the end; ``further``: the plan does not have it yet, and the operator may add it.
+    empty at the end; ``further``: the setup is not in the plan yet, and the operator may add it.
     """
 
     words: Words = ""
@@ -81,10 +81,10 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A pass still to be driven: its first stop (0: the whole pass), its number of stops, and its
-    time with the setting up it needs.
+    """A pass still to drive: its first stop (0: the whole pass), its number of stops, and its time
+    including the setting up.
 
-    ``again``: a driven pass that misses stops or is doubted.
+    ``again``: a driven pass with missing or doubted stops.
     """
 
     setup: str
@@ -96,12 +96,12 @@ class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A captured stop. ``deviation_um`` is reading - nominal along the beam, put right for air,
+    """A captured stop. ``deviation_um`` is reading - nominal along the beam, corrected for air,
     dead path and the mirror's tilt.
 
     Both ways of a setup count from the first stop of the way out where one unbroken count joins
-    them (else the way back is hung onto the far end), with one sign; ``place`` is the number of the
-    stop on the way out.
+    them (otherwise the way back is joined at the far end), with one sign; ``place`` is the number
+    of the stop on the way out.
     """
 
     setup: str
@@ -119,7 +119,7 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A finding; ``place`` is its place (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: none).
 
     ``state`` is ``open`` while the finding keeps its pass open, ``accepted`` where an operator
-    accepted the finding (``word``: who, when, why), else ``past``.
+    accepted the finding (``word``: operator, time, reason), else ``past``.
     """
 
     code: str
@@ -133,7 +133,7 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def finding(self) -> Finding:
-        """Return what was found, without its state."""
+        """Return the finding without its state."""
         at = self.at
         place = {
             "setup": at.setup,
@@ -155,8 +155,8 @@ class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The newest second and a half of the laser at full rate: lowest and highest sample of every
     bin, None for a bin without samples.
 
-    ``first`` numbers the first bin since the daemon began, so that a reader joins strips and finds
-    the bins it missed.
+    ``first`` is the number of the first bin since the daemon began, so that a reader can join
+    strips and find missing bins.
     """
 
     first: int
@@ -189,8 +189,8 @@ class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole state for the viewer. Ages are in seconds so that a reader's clock does not
-    matter.
+    """The whole state for the viewer. Ages are in seconds, so that they do not depend on a reader's
+    clock.
     """
 
     sequence: int
@@ -201,16 +201,17 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     workpiece: str = ""
     phase: Phase
     expects_setup: str
-    """The setup that comes next or runs now; empty when all are in."""
+    """The setup that comes next or runs now; empty when all setups are complete."""
     expects_pass: int = 1
     """The pass that comes next or runs now, from 1; even passes return."""
     expects_stop: int
     stops_in_pass: int
     program: str = ""
-    """The NC program of the setup expected, as a person calls it at the control (``O8002``); empty
-    where unknown."""
+    """The NC program of the expected setup, by its name at the control (``O8002``); empty where
+    unknown.
+    """
     moving_axis: str
-    """The axis that moves to the stop now awaited: x, y, z, or empty."""
+    """The axis that moves to the stop awaited now: x, y, z, or empty."""
     reading_mm: float | None
     reading_age_s: float | None
     beam: float | None
@@ -236,8 +237,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     of each axis."""
     tilt_setup: str = ""
     tilt_live: bool = False
-    """The setup of the tilt, and whether its pass is being driven now: between setups the mirror
-    has been moved.
+    """The setup of the tilt, and whether its pass is being driven now: between setups the mirror is
+    moved.
     """
     setups: tuple[SetupStatus, ...]
     stops: tuple[StopStatus, ...]
@@ -245,8 +246,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file that were changed since it was read: a person may have the logs
-    read by it."""
+    """The lines of the survey file changed since its reading: a person may have the logs read with
+    the changed file.
+    """
     to_drive: tuple[DriveStatus, ...] = ()
     """The passes still to be driven, in order; ``seconds_left`` is its sum."""
     origin_mm: tuple[float, float, float]
@@ -254,18 +256,17 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     increments: int
     geometry: GeometryStatus | None = None
     counts_to: int | None = None
-    """The last stop of the pass being driven to which the count is valid; None while the count is
-    not lost.
-    """
+    """The last stop of the present pass with a valid count; None while the count is not lost."""
     driven_out: bool = False
-    """Whether the machine has left the last stop of the pass, which is taken in a moment: a beam
-    taken away now harms nothing.
+    """Whether the machine has left the last stop of the pass, whose capture is about to end:
+    interrupting the beam now does no harm.
     """
     strip: StripStatus | None = None
     result_ready: bool
     proof: Severity | None = None
-    """The severity of the verdict of a proof run: info keep, warning not decided, error restore;
-    None for any other survey, and before its result."""
+    """The severity of the verdict of a proof run: info means keep, warning not decided, error
+    restore; None for any other survey, and before its result.
+    """
     recording: bool
     begins: bool = False
     """Whether the operator has to announce each setup: the machine has no signals."""
@@ -277,11 +278,11 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):
-    """A finished file that a person may fetch. ``name`` is unique, without ``/``, and is what the
-    page shows.
+    """A finished file that a person may download. ``name`` is unique, without ``/``, and is what
+    the page shows.
 
-    ``bundle`` and ``restore`` are the folder of an export, packed when it is fetched; ``group`` is
-    its control.
+    ``bundle`` and ``restore`` are the folder of an export, packed on download; ``group`` is its
+    control.
     """
 
     name: str
@@ -289,33 +290,36 @@ class Download(msgspec.Struct, frozen=True, kw_only=True):
     kind: Literal["report", "certificate", "result", "export", "log", "figure", "bundle", "restore"]
     size_bytes: int
     sha256: str = ""
-    """Empty where it is not known without reading the file."""
+    """Empty where unknown without reading the file."""
     group: str = ""
 
 
 class StatusSource(Protocol):
-    """The daemon as the page reads it. Every method is called from the daemon's own event loop."""
+    """The interface of the daemon for the page. Every method is called from the daemon's own event
+    loop.
+    """
 
     def snapshot(self) -> Snapshot:
-        """Return the present state; cheap, called up to ten times a second however many look on."""
+        """Return the present state; cheap, called up to ten times a second for any number of
+        viewers.
+        """
 
     async def changed(self, sequence: int) -> None:
-        """Return as soon as the snapshot's ``sequence`` is another than the one given; may be
-        cancelled at any time."""
+        """Return as soon as the snapshot's ``sequence`` differs from the given one; may be
+        cancelled at any time.
+        """
 
     def result_file(self) -> Path | None:
         """Return result.json of the last completed survey, or None."""
 
     def folder(self) -> Path:
-        """Return the folder of the survey shown: only files of this folder leave the machine
-        through the page.
-        """
+        """Return the folder of the survey shown: the page offers only files of this folder."""
 
     def token_guessed(self, address: str, count: int) -> None:
-        """Take note that an address has sent so many wrong tokens."""
+        """Record the number of wrong tokens from an address."""
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Do what a person with the token asks.
+        """Execute a request of a person with the token.
 
         ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept``
         takes ``place`` (of a doubt), ``reason`` and ``name``; ``take`` puts the further setup that

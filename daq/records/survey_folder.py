@@ -10,7 +10,7 @@ EXPORTS = "exports"
 AHEAD = "ahead.json"
 """The next passes, after the driven ones."""
 REFUSED = "REFUSED.txt"
-"""Why there are no files for a control, in the folder where they would be."""
+"""Why there are no files for a control; stored in the folder of the files."""
 
 
 def machine_folder(machine: str) -> str:
@@ -21,8 +21,8 @@ def machine_folder(machine: str) -> str:
 def logs_in(folder: Path) -> list[Path]:
     """Return the logs of a folder in the order of their numbers.
 
-    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was
-    cut off (``.part``) counts until a mended copy stands beside it.
+    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy is used; a log that was
+    cut off (``.part``) is used until a mended copy exists beside it.
     """
     found = {
         path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))

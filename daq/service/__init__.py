@@ -1,5 +1,4 @@
-"""The daemon: it holds links, session and recorder together and has computed what is computed
-elsewhere.
+"""The daemon: it connects links, session and recorder, and leaves computations to other processes.
 
 In: a survey file. Out: status, logs, and results made by child processes. Imported by `stepdiag`
 only.

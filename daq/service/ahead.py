@@ -1,5 +1,5 @@
-"""The next passes of a survey, in a file beside its logs: written by a process that computes, read
-by the daemon and by `status`.
+"""The next passes of a survey, in a file beside its logs: written by a computing process, read by
+the daemon and by `status`.
 """
 
 from pathlib import Path
@@ -12,16 +12,18 @@ from stepdiag.daq.records.status import AheadStatus
 from stepdiag.daq.records.survey_folder import AHEAD
 
 LARGEST_BYTES = 100_000
-"""A larger file was not written by this program."""
+"""Size in bytes above which the file was not written by this program."""
 
 
 def write_ahead(folder: Path, ahead: AheadStatus) -> None:
-    """Write it, whole or not at all. Raises UsageError where the folder does not take it."""
+    """Write the file, complete or not at all. Raises UsageError where the folder cannot be
+    written.
+    """
     write_atomically(folder / AHEAD, msgspec.json.encode(ahead))
 
 
 def ahead_in(folder: Path) -> AheadStatus:
-    """Return what stands in a folder; nothing where there is none, or it is damaged."""
+    """Return the next passes stored in a folder; None where the file is missing or damaged."""
     try:
         return msgspec.json.decode(
             read_bytes(folder / AHEAD, largest=LARGEST_BYTES), type=AheadStatus

@@ -1,5 +1,5 @@
-"""The jobs that the daemon leaves to child processes: a survey whose last pass is in is solved and
-exported, finished surveys are packed.
+"""The jobs that the daemon leaves to child processes: a survey whose last pass is complete is
+solved and exported, finished surveys are packed.
 """
 
 import asyncio
@@ -25,8 +25,8 @@ _log = structlog.get_logger("daemon")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
-    """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys
-    and their budget in GB (0: none).
+    """``completion`` is run with a finished survey's folder, ``archiving`` with the folder of all
+    surveys and their limit in GB (0: none).
 
     ``ahead`` is run after each setup for the next passes, with `TAKE` for a further setup chosen by
     the operator. ``completion`` with `READINGS_ONLY` before the folder is run for a survey that
@@ -42,7 +42,7 @@ class Commands:
 class Finisher:
     """Runs the children and keeps the outcome of the last.
 
-    ``on_done`` is called when a survey was solved, or could not be: with its folder and whether
+    ``on_done`` is called after a survey was solved, or could not be: with its folder and whether
     there is a result.
     """
 
@@ -64,7 +64,7 @@ class Finisher:
         self._looking: asyncio.Task[None] | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
-        """Take note whether the last log is closed: an open log is not read."""
+        """Record whether the last log is closed: an open log is not read."""
         if idle:
             self._recorder_idle.set()
         else:
@@ -79,29 +79,30 @@ class Finisher:
         self.phase, self.message = "solving", ""
 
     def tabulate(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to write the readings of a survey that stays open; ``then`` is called when they are
-        written, or cannot be."""
+        """Begin to write the readings of a survey that stays open; ``then`` is called after success
+        or failure.
+        """
         self._begin(self._tabulate(folder, then), f"readings {folder.name}")
 
     def certify(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to write the certificate of a finished survey; ``then`` is called when it is
-        written, or cannot be."""
+        """Begin to write the certificate of a finished survey; ``then`` is called after success or
+        failure.
+        """
         self._begin(self._certify(folder, then), f"certificate {folder.name}")
 
     def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to work out what to drive next; ``then`` is called when it is known, or cannot
-        be."""
+        """Begin to compute the next passes; ``then`` is called after success or failure."""
         if self._commands.ahead:
             self._looking = self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
 
     def take(self, then: Callable[[], None]) -> None:
-        """Begin to put the further setup into the survey file; ``then`` is called after success or
+        """Begin to add the further setup to the survey file; ``then`` is called after success or
         failure.
         """
         self._begin(self._take(then), "take")
 
     def forget(self) -> None:
-        """Show the result no longer: another survey is being recorded, or this one goes on."""
+        """Stop showing the result: another survey is being recorded, or this one continues."""
         self.result = self.proof = None
         self.message = ""
 
@@ -118,8 +119,9 @@ class Finisher:
         return task
 
     async def _run(self, *command: str) -> tuple[int, Words]:
-        """Return how a child ended and its last words; one after the other, for two would write the
-        same readings."""
+        """Return the end of a child and its last message; one child after the other, because two
+        would write the same readings.
+        """
         async with self._one:
             child = await asyncio.create_subprocess_exec(
                 *command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
@@ -185,8 +187,8 @@ class Finisher:
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:
-        """Have the oldest finished surveys packed within a budget, if any; the child logs its work
-        in the same log.
+        """Pack the oldest finished surveys within a limit, if any; the child writes into the same
+        log.
         """
         if self._commands.archiving and self._commands.max_gb:
             child = await asyncio.create_subprocess_exec(
@@ -214,7 +216,9 @@ def proof_in(result: Path) -> Severity | None:
 
 
 def _of_line(line: str) -> Words:
-    """Return the message in the last line of a child; a line of another program as it stands."""
+    """Return the message in the last line of a child's output; the unchanged line of another
+    program.
+    """
     try:
         return of_log(line, line)
     except ValueError:
@@ -222,7 +226,7 @@ def _of_line(line: str) -> Words:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> bytes:
-    """Return the standard error of a child after its end; when cancelled, end the child first."""
+    """Return the standard error of a child after its end; on cancellation, end the child first."""
     try:
         _, written = await child.communicate()
     except asyncio.CancelledError:

@@ -1,7 +1,7 @@
-"""The service: links, recorder and session in one event loop, survey after survey.
+"""The service: links, recorder and session in one event loop, for one survey after another.
 
-The recording process only records. Events of the links go to the session in the order of their
-arrival; when the last pass is in, a child (`daq.service.child_jobs`) runs solver and exporters on
+The recording process does nothing but record. Events of the links reach the session in the order of
+their arrival. After the last pass a child (`daq.service.child_jobs`) runs solver and exporters on
 the finished logs, and the next survey can begin at once.
 """
 
@@ -49,18 +49,18 @@ PUBLISH_S = 0.1
 LOOK_S = 0.5
 """Period in s of the search for new verdicts without another event."""
 LIVE_S = 1.0
-"""Period of the file that `status` shows of a running daemon, in s."""
+"""Period in s of the file from which `status` shows a running daemon."""
 _log = structlog.get_logger("daemon")
 
 
 class Daemon:
-    """Records surveys until it is stopped. ``completion`` is the command run with a survey's folder
-    when its last pass is in.
+    """Records surveys until it is stopped. ``completion`` is the command that runs with a survey's
+    folder after its last pass.
 
-    ``archiving`` is the command run with the folder of all surveys of this name and their budget in
-    GB, if any. ``ahead`` is run when a setup is in: it names the next passes. ``programs`` names
-    the NC program of each setup of a survey, by its name at the control. ``status_source`` answers
-    the page.
+    ``archiving`` is the command that runs with the folder of all surveys of this name and their
+    limit in GB, if any. ``ahead`` is the command that runs after a setup: it names the next passes.
+    ``programs`` gives the NC program of each setup of a survey, by its name at the control.
+    ``status_source`` answers the page.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Daemon:
         self._writing: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
-        """Record until SIGTERM, SIGINT or `stop`; then end the open log in good order.
+        """Record until SIGTERM, SIGINT or `stop`; then close the open log.
 
         Raises UsageError where another daemon holds the folder, RuntimeError where a worker died,
         DeviceError where the disk refused to the end.
@@ -122,8 +122,9 @@ class Daemon:
             raise _unwritten(recorder.health)
 
     def take_folder(self) -> None:
-        """Take the folder for this process, before anything else is opened. Raises UsageError where
-        another daemon holds it."""
+        """Reserve the folder for this process, before anything else is opened. Raises UsageError
+        where another daemon holds the lock.
+        """
         if not self._taken:
             self._lock, self._taken = FolderLock.take(self._folder), True
 
@@ -240,7 +241,7 @@ class Daemon:
             session.say(waits)
 
     def _written(self, refused: Words) -> None:
-        """Take note whether the machine took a written value."""
+        """Record whether the machine accepted a written value."""
         if self._handshake is not None and (refusal := self._handshake.written(refused)):
             self._working.session.say(refusal)
 
@@ -259,8 +260,8 @@ class Daemon:
             self._ended(outcome)
 
     def _captured(self, stop: CapturedStop) -> None:
-        """Report a stop as captured, now that a killed daemon would not lose it, and let the
-        machine go on.
+        """Report a stop as captured after it is safe in the log, so that the machine may move
+        on.
         """
         self.status_source.news()
         self._tally.stops += 1
@@ -286,8 +287,9 @@ class Daemon:
             self._handshake.captured(stop)
 
     def _ended(self, ended: Ended) -> None:
-        """Report it once the stops of the pass are reported: what was last taken must outlive this
-        process first."""
+        """Report the result after the stops of the pass are reported: the last captured stop must
+        be safe in the log first.
+        """
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
         self._working.recorder.promise(
             note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended)
@@ -312,8 +314,8 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve a survey whose passes are all in and not doubted; report the doubts if they alone
-        keep it open.
+        """Solve a survey whose passes are all complete and free of doubts; report the doubts if
+        they alone keep it open.
         """
         session = self._working.session
         settled = self._settled.of(session)
@@ -324,8 +326,8 @@ class Daemon:
             self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
 
     def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
-        """Report the doubts that still stand: they may have been accepted meanwhile, or cured by
-        another pass.
+        """Report the remaining doubts: they may have been accepted meanwhile, or removed by another
+        pass.
         """
         if session is not self._working.session or session.book.doubts() != still:
             return
@@ -337,7 +339,7 @@ class Daemon:
         self._write_live(lambda: _log.warning("survey-open", **facts))
 
     def _complete(self) -> None:
-        """Hand the finished survey to a child process and be ready for the next one."""
+        """Pass the finished survey to a child process, and prepare for the next one."""
         working = self._working
         whole = working.session
         working.finisher.finish(whole.folder)
@@ -346,8 +348,8 @@ class Daemon:
         working.shown = whole
 
     def _solved(self, folder: Path, solved: bool) -> None:
-        """Take the outcome of a survey: without a result the survey stays open, and goes on unless
-        another has begun.
+        """Process the outcome of a survey: without a result the survey stays open, and continues
+        unless another has begun.
         """
         working = self._working
         self.status_source.news()
@@ -363,7 +365,7 @@ class Daemon:
         self._settled.know(working.session)
 
     def _look_at_verdicts(self) -> None:
-        """Take what persons have added to the survey beside this process."""
+        """Process the statements that persons added to the survey outside this process."""
         session = self._working.session
         heard = self._settled.heard(session)
         if heard:
@@ -372,15 +374,16 @@ class Daemon:
             self._complete_if_settled()
 
     def _look_ahead(self) -> None:
-        """Have it worked out what to drive next, once a setup is in."""
+        """Start the computation of the next passes after a setup is complete."""
         shown = self._working.shown
         last = shown.book.last
         if last is not None and not shown.book.open_passes(last.setup):
             self._working.finisher.look_ahead(shown.folder, self.status_source.news)
 
     def _look_at_survey(self) -> None:
-        """Go on with a survey file that has further setups, and show what another change corrects;
-        looked at between two passes."""
+        """Continue with a survey file that has further setups, and show the effect of another
+        change; examined between two passes.
+        """
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
         # a change before the first stop corrects nothing yet: it is looked at once more with stops
@@ -419,15 +422,17 @@ class Daemon:
         self.status_source.news()
 
     def _corrections(self, text: str) -> list[Change]:
-        """Return the corrections of the round shown by a survey file; nothing where that is solved,
-        or the machine has to be driven anew."""
+        """Return the corrections of the round shown by a survey file; None where the round is
+        solved, or the machine must be driven again.
+        """
         changed = compared(self._text, text) or []
         solved = self._working.finisher.result is not None or not self._working.shown.book.stops
         return [] if solved or any(each.begins_round for each in changed) else changed
 
     async def _correct(self, name: str) -> None:
         """Read the logs of the round by the changed survey file. Raises UsageError while a pass is
-        recorded, and where none is changed."""
+        recorded, and where no line is changed.
+        """
         working, text = self._working, read_text(self._file)
         changed = self._corrections(text)
         if working.session.recording or not changed:
@@ -472,7 +477,7 @@ class Daemon:
     # what goes out
 
     def _recorder_changed(self, health: RecorderHealth) -> None:
-        """Take note of the recorder's state, in the recorder's thread."""
+        """Record the recorder's state, in the recorder's thread."""
         self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
         fields = {
             "state": health.state,
@@ -490,8 +495,9 @@ class Daemon:
         self._working.finisher.recorder_is(idle=idle)
 
     async def _publish(self) -> None:
-        """Make the snapshot anew, and look at the files beside the logs: the rarer, the less it
-        disturbs arrival stamps."""
+        """Make a new snapshot, and examine the files beside the logs; doing so rarely disturbs the
+        arrival stamps less.
+        """
         looked_s = 0.0
         while True:
             await asyncio.sleep(PUBLISH_S)
@@ -510,8 +516,8 @@ class Daemon:
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
-        """Write the live state beside the lock, in a thread that only writes; the reports of
-        ``then`` are true there as well.
+        """Write the live state beside the lock, in a thread that only writes; ``then`` is called
+        there.
         """
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")
@@ -526,8 +532,9 @@ class Daemon:
             then()
 
     def _announce(self, waits_for: str) -> None:
-        """Report what the daemon waits for: to systemd always, into the log where nothing is being
-        recorded."""
+        """Report the event that the daemon waits for: to systemd always, into the log where nothing
+        is being recorded.
+        """
         self._notifier.status(waits_for)
         if waits_for != self._announced and not self._working.session.recording:
             _log.info("waiting", what=waits_for)
@@ -535,7 +542,7 @@ class Daemon:
 
 
 def _modified_ns(file: Path) -> int:
-    """Return when a file was changed last; 0 where it is gone."""
+    """Return the time of the last change of a file; 0 where it does not exist."""
     try:
         return file.stat().st_mtime_ns
     except OSError:
@@ -547,7 +554,7 @@ def _say_ended(ended: Ended) -> None:
 
 
 def _unwritten(health: RecorderHealth) -> DeviceError:
-    """Return the error for a disk that has not taken what was recorded last."""
+    """Return the error for a disk that has not accepted the newest records."""
     remedy = message("make-room")
     found = message(
         "bytes-lost", why=health.reason or message("disk-too-slow"), count=health.backlog_bytes

@@ -1,5 +1,6 @@
-"""The findings of a survey as a person sees them: one list for page and `status`, the same after a
-restart."""
+"""The findings of a survey for a person: one list for page and `status`, the same after a
+restart.
+"""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -18,8 +19,9 @@ SHOWN = 50
 def finding_list(
     book: PassBook, history: Sequence[Finding], now_s: float | None = None
 ) -> tuple[FindingStatus, ...]:
-    """Return what was found: past first, then what a person accepted, then what is open; ``now_s``
-    is the time of day, where it counts."""
+    """Return the findings: first the past ones, then the accepted, then the open; ``now_s`` is the
+    time of day where it matters.
+    """
     doubts, accepted = book.doubts(), book.accepted()
     settled = {_key(doubt) for doubt in (*doubts, *(doubt for doubt, _ in accepted))}
     past = [each for each in dict.fromkeys(history) if _key(each) not in settled]

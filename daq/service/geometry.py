@@ -30,7 +30,7 @@ def geometry(
 
 @lru_cache(maxsize=4)
 def _box(volume: Volume) -> tuple[tuple[tuple[Point, Point], ...], tuple[tuple[str, Point], ...]]:
-    """Return the edges, those at the origin first, and where the names of the axes stand."""
+    """Return the edges, those at the origin first, and the places of the axis names."""
     corners = [_corner(volume, bits) for bits in range(8)]
     pairs = [(a, a | bit) for a, bit in product(range(8), (1, 2, 4)) if not a & bit]
     edges = tuple((corners[a], corners[b]) for a, b in sorted(pairs, key=lambda pair: pair[0] != 0))

@@ -1,5 +1,5 @@
 """The present state of the daemon and its links, beside its lock, for `status`: a small file,
-written anew every second.
+rewritten every second.
 """
 
 import time
@@ -15,11 +15,11 @@ from stepdiag.daq.records.status import LinkStatus
 
 FILE = ".now.json"
 OLD_S = 10.0
-"""A daemon that has written nothing for so long stands still, or its disk does."""
+"""Time in s without a new file after which the daemon, or its disk, counts as standing still."""
 AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
 """Messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
-"""A larger file was not written by this program."""
+"""Size in bytes above which the file was not written by this program."""
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,7 +47,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_live(folder: Path, status: LiveStatus) -> None:
-    """Write the moment, whole or not at all; a disk that refuses is no trouble of the recording."""
+    """Write the state, complete or not at all; the recording ignores a disk that refuses."""
     part = folder / f"{FILE}.part"
     try:
         part.write_bytes(msgspec.json.encode(status))
@@ -57,14 +57,17 @@ def write_live(folder: Path, status: LiveStatus) -> None:
 
 
 def forget_live(folder: Path) -> None:
-    """Remove the file: the daemon ends. If the disk refuses, the file stays and is old soon."""
+    """Remove the file: the daemon ends. If the disk refuses, the file remains and is soon out of
+    date.
+    """
     with suppress(OSError):
         (folder / FILE).unlink(missing_ok=True)
 
 
 def live_in(folder: Path) -> LiveStatus | None:
-    """Return the last moment of the daemon that records into a folder; None where it is not there,
-    damaged, or old."""
+    """Return the last state of the daemon that records into a folder; None where the file is
+    missing, damaged or old.
+    """
     if not (folder / FILE).is_file():
         return None
     try:

@@ -1,4 +1,4 @@
-"""The daemon in figures, for the supervision of many daemons."""
+"""The daemon's counts and measures, for the supervision of many daemons."""
 
 import shutil
 import time
@@ -10,7 +10,7 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.status import LinkStatus
 
 GB = 1e9
-"""Bytes in a gigabyte, as disks are sold."""
+"""Bytes in a gigabyte, by the makers of disks."""
 
 
 @dataclass(slots=True)
@@ -22,18 +22,19 @@ class Tally:
     stops: int = 0
     findings: dict[str, int] = field(default_factory=Counter)
     samples_before: int = 0
-    """Samples recorded in surveys before the present one."""
+    """Number of samples recorded in earlier surveys."""
     surveys: dict[int, int] = field(default_factory=Counter)
     """Number of ends of the child of a finished survey, by exit code."""
     solve_s: float | None = None
-    """Time of the last solution in s."""
+    """Duration of the last solution in s."""
     fed_s: float = field(default_factory=time.monotonic)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One moment. ``links`` by name; ``disk_free_bytes`` where the logs go; ``watchdog_age_s``
-    since every worker was last seen alive."""
+    """One moment. ``links`` by name; ``disk_free_bytes`` on the disk of the logs;
+    ``watchdog_age_s`` since the last check that found every worker alive.
+    """
 
     tally: Tally
     samples: int
@@ -47,11 +48,11 @@ class Figures:
 
 
 def disk_free_bytes(folder: Path) -> int:
-    """Return the space that is left where a folder is."""
+    """Return the free space on the disk of a folder in bytes."""
     return shutil.disk_usage(folder).free
 
 
 def words_on_disk(folder: Path, least_gb: float) -> Words:
-    """Return the finding of a disk with less space than this; empty where there is more."""
+    """Return the finding of a disk with less space than this; empty if there is more."""
     free_gb = disk_free_bytes(folder) / GB
     return message("disk-left", free_gb=free_gb) if free_gb < least_gb else ""

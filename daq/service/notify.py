@@ -1,4 +1,4 @@
-"""Notices to systemd (sd_notify(3)): ready, the daemon's work, and its life. Silent without a
+"""Notices to systemd (sd_notify(3)): ready, the daemon's work, and signs of life. Silent without a
 listener.
 """
 
@@ -23,7 +23,7 @@ class Notifier:
         return int(wanted) * 1e-6 if wanted.isdigit() and meant_for == str(os.getpid()) else None
 
     def ready(self) -> None:
-        """Report that the daemon is up."""
+        """Report that the daemon is ready."""
         self._send("READY=1")
 
     def status(self, text: str) -> None:
@@ -33,7 +33,7 @@ class Notifier:
             self._send(f"STATUS={text}")
 
     def alive(self) -> None:
-        """Feed the watchdog. Call it only after every worker has shown its life."""
+        """Feed the watchdog. Call it only after every worker has given a sign of life."""
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:

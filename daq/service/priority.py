@@ -1,4 +1,4 @@
-"""Low priority of a computing process beside the recording process. Loads nothing: it must be
+"""Low priority of a computing process relative to the recording process. Loads nothing: it must be
 called before numpy is.
 """
 
@@ -8,17 +8,18 @@ from contextlib import suppress
 from stepdiag.base.disk.system import nice
 
 GIVE_WAY = 5
-"""By how much (nice(2)) a computing process stands back: behind the recording, but not behind
-everything else that a busy box does."""
+"""Increase of the nice value (nice(2)) of a computing process: below the recording, but not below
+all other work of a busy computer.
+"""
 
 
 def lower_priority() -> None:
-    """Let the recording process go first: another survey may be under way while this process
+    """Give the recording process priority: another survey may be under way while this process
     computes.
 
-    A kernel lets a computing thread finish its slice of a millisecond or more whatever else wakes
-    up, so being less important is not enough: one processor is left alone. numpy's threads stay
-    where they were born, so this comes before it is loaded.
+    A kernel lets a computing thread finish its slice of a millisecond or more whatever process
+    wakes up, so a low priority is not enough: one processor is left free. numpy's threads stay on
+    their first processors, so this call precedes its import.
     """
     nice(GIVE_WAY)
     with suppress(OSError, AttributeError):

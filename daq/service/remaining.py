@@ -1,4 +1,6 @@
-"""The passes still to be driven: their order, their first stop, and their time with setting up."""
+"""The passes still to drive: their order, their first stop, and their time including the setting
+up.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -16,7 +18,7 @@ from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
-"""The pace is computed from this many stops."""
+"""Number of stops from which the pace is computed."""
 LONGEST_SETTING_UP = 3.0
 SETTING_UP: Mapping[Kind, str] = {
     "step": "diagonal_setup_min",
@@ -26,17 +28,19 @@ SETTING_UP: Mapping[Kind, str] = {
     "fourdof": "fourdof_setup_min",
 }
 LONGEST_DWELL = 20.0
-"""A stop that took so many times longer than planned was an interruption, not the pace."""
+"""A stop that took longer than planned by this factor was an interruption and does not count for
+the pace.
+"""
 
 
 def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveStatus, ...]:
-    """Return the open passes of the plan, in the order of driving; empty if every pass is in and
-    nothing is doubted.
+    """Return the open passes of the plan, in the order of driving; empty if every pass is complete
+    and free of doubts.
 
-    A pass counts from the stop where it goes on. Its minutes are those of its stops at the measured
-    pace (as planned before there is one); the first pass of a setup that does not stand has the
-    setting up in it, as long as those before took. ``running`` is the setup that the machine drives
-    now.
+    A pass counts from the stop where it continues. Its minutes are the minutes of its stops at the
+    measured pace (as planned before the first measurement). The first pass of a setup that is not
+    set up yet includes the setting up, with the time of earlier ones. ``running`` is the setup that
+    the machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
@@ -76,7 +80,7 @@ def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
 def _drive(
     survey: Survey, book: PassBook, setup: str, number: int, *, running: bool
 ) -> DriveStatus:
-    """Return an open pass without its minutes; a running pass goes on at its place, and may still
+    """Return an open pass without its minutes; a running pass continues at its place, and may still
     become whole.
     """
     stops = len(route_of(survey.planned, setup, number))
@@ -94,7 +98,7 @@ def _drive(
 
 
 def _following(begun: Pass) -> int | None:
-    """Return the stop after the measured stops; None if the pass has a hole before it."""
+    """Return the stop after the measured stops; None if an earlier stop of the pass is missing."""
     last = max(begun.measured, default=-1)
     return None if begun.missing and begun.missing[0] <= last else last + 1
 
@@ -111,7 +115,7 @@ def _with_minutes(drive: DriveStatus, stop_s: float, setting_up_s: float) -> Dri
 
 
 def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
-    """Return the seconds from stop to stop and those of setting up."""
+    """Return the seconds from stop to stop and the seconds of setting up."""
     planned, setting_up = _times(plan, setup)
     measured = _measured_pace_s(book)
     return (
@@ -122,7 +126,8 @@ def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
 @lru_cache(maxsize=256)
 def _times(plan: Plan, setup: str) -> tuple[float, float]:
     """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts
-    them."""
+    them.
+    """
     run = plan.run_of(setup)
     setting_up = setup_minutes(plan, run)
     return 60 * (run_minutes(plan, run) - setting_up) / (
@@ -131,7 +136,7 @@ def _times(plan: Plan, setup: str) -> tuple[float, float]:
 
 
 def _measured_pace_s(book: PassBook) -> float | None:
-    """Return the time from stop to stop of the pass driven last; None before it has three."""
+    """Return the time from stop to stop of the newest pass; None before its third stop."""
     if book.driven is None:
         return None
     times = sorted(stop.time_s for stop in book.driven.chosen().values())[-PACE_STOPS:]

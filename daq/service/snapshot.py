@@ -126,8 +126,8 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
 def setup_statuses(
     survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = ""
 ) -> tuple[SetupStatus, ...]:
-    """Return the progress of each setup of the plan, by its passes still to be driven, and the
-    reason to repeat a pass.
+    """Return the progress of each setup of the plan, from its passes still to drive, and the reason
+    to repeat a pass.
     """
     names = survey.plan.all_setups
     return tuple(
@@ -171,8 +171,9 @@ def _setup_status(
 
 
 def _counts_to(session: Session, lost: bool) -> int | None:
-    """Return the last stop to which the running pass counts where its count is lost; None while it
-    counts, and before its first stop."""
+    """Return the last stop of the running pass before its count was lost; None while the count is
+    unbroken, and before the first stop.
+    """
     walk, driven = (
         (session.capture.walk if session.capture is not None else None),
         session.book.driven,

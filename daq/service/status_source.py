@@ -28,7 +28,9 @@ from stepdiag.daq.timing.host_clock import now_ns
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200
-"""Characters of an argument: names and reasons stand in one line of the page and the log."""
+"""Largest number of characters of an argument: names and reasons are in one line of the page and
+the log.
+"""
 _log = structlog.get_logger("daemon")
 
 
@@ -55,19 +57,20 @@ class Working:
     alarms: Callable[[], Sequence[Words]] = tuple
     """The urgent alarms, in words."""
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file that were changed since it was read, where the passes stay those
-    that were driven."""
+    """The lines of the survey file changed since its reading, if the driven passes remain valid."""
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
-    """Reads the logs by the changed file, in the name of a person. Raises UsageError where that is
-    not possible now."""
+    """Reads the logs with the changed file, on behalf of a person. Raises UsageError where this is
+    impossible now.
+    """
     waits_in_vain: Callable[[], bool] = bool
-    """Whether the machine waits for the handshake for longer than it should."""
+    """Whether the machine waits too long for the handshake."""
     paused: bool = False
 
 
 class DaemonStatusSource:
-    """Answers and obeys. ``news`` is called, by the daemon too, whenever something has changed that
-    cannot wait for the next tick."""
+    """Answers the page and executes its commands. ``news`` is called, by the daemon too, after
+    every change that cannot wait for the next tick.
+    """
 
     def __init__(self) -> None:
         self._working: Working | None = None
@@ -75,20 +78,20 @@ class DaemonStatusSource:
         self._sequence = self._published = 0
 
     def open(self, working: Working) -> None:
-        """Begin to answer: the daemon is up."""
+        """Begin to answer: the daemon is ready."""
         self._working = working
 
     def news(self) -> None:
-        """Take note that something has changed."""
+        """Record that something has changed."""
         self._sequence += 1
 
     @property
     def has_news(self) -> bool:
-        """Return whether something has changed since the last tick."""
+        """Return whether there was a change since the last tick."""
         return self._sequence != self._published
 
     async def publish(self) -> None:
-        """Make a new snapshot due, and wake who waits for it."""
+        """Request a new snapshot, and wake the waiting readers."""
         if self._sequence == self._published:
             self._sequence += 1
         self._published = self._sequence
@@ -182,12 +185,12 @@ class DaemonStatusSource:
         )
 
     async def changed(self, sequence: int) -> None:
-        """Return when the snapshot's sequence is another one."""
+        """Return when the snapshot's sequence has changed."""
         async with self._changed:
             await self._changed.wait_for(lambda: self._sequence != sequence)
 
     def result_file(self) -> Path | None:
-        """Return result.json of the survey shown, once it is there."""
+        """Return result.json of the survey shown; None before its completion."""
         return self._at_work.finisher.result
 
     def folder(self) -> Path:
@@ -195,13 +198,13 @@ class DaemonStatusSource:
         return self._at_work.shown.folder
 
     def token_guessed(self, address: str, count: int) -> None:
-        """Show a series of wrong tokens at the machine."""
+        """Show a series of wrong tokens on the page at the machine."""
         text = message("page-token-guessed", address=address, count=count)
         self._at_work.session.found(finding("warning", text))
         self.news()
 
     async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
-        """Note the operator's acceptance of the doubts at a place; the daemon handles it like an
+        """Record the operator's acceptance of the doubts at a place; the daemon handles it like an
         acceptance entered at a terminal.
         """
         doubts = doubts_at(session.book.doubts(), arguments.get("place", ""))
@@ -209,8 +212,9 @@ class DaemonStatusSource:
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
 
     def _certify(self, finisher: Finisher) -> None:
-        """Begin to write the certificate of the survey shown. Raises UsageError where it has no
-        result."""
+        """Begin to write the certificate of the survey shown. Raises UsageError where the survey
+        has no result.
+        """
         if finisher.result is None:
             raise UsageError(
                 message("where-certificate"),
@@ -220,8 +224,9 @@ class DaemonStatusSource:
         finisher.certify(finisher.result.parent, self.news)
 
     def _take(self, working: Working) -> None:
-        """Have the further setup put into the survey. Raises UsageError where there is none, or a
-        pass is being recorded."""
+        """Have the further setup put into the survey. Raises UsageError where there is no further
+        setup, or a pass is being recorded.
+        """
         session = working.session
         if session.recording or not working.finisher.ahead.further:
             raise UsageError(
@@ -230,8 +235,9 @@ class DaemonStatusSource:
         working.finisher.take(self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Do what a person with the token asks. Raises UsageError where the present state does not
-        allow it."""
+        """Execute a request of a person with the token. Raises UsageError where the present state
+        does not allow it.
+        """
         _log.info("command", name=name, **_logged(arguments))
         working = self._at_work
         match name:
@@ -244,7 +250,7 @@ class DaemonStatusSource:
         self.news()
 
     def _order(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Do what waits for nothing."""
+        """Execute a request that needs no waiting."""
         working = self._at_work
         session = working.session
         match name:
@@ -268,7 +274,7 @@ class DaemonStatusSource:
 
 
 def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
-    """Return the arguments of an order as fields of the journal, where ``name`` is the order."""
+    """Return the arguments of a command as fields of the journal, where ``name`` is the command."""
     return {
         f"given_{key}" if key == "name" else key: arguments[key]
         for key in _ARGUMENTS
@@ -277,8 +283,9 @@ def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
 
 
 def found_now(session: Session) -> Message:
-    """Return the obstacle to an order between two passes: the pass being recorded, or nothing to
-    do."""
+    """Return the obstacle to a command between two passes: the pass being recorded, or nothing to
+    do.
+    """
     return (
         message("found-being-recorded", name=session.book.next_setup())
         if session.recording
@@ -287,15 +294,16 @@ def found_now(session: Session) -> Message:
 
 
 def _start(working: Working) -> None:
-    """Go on after a pause, or begin the next setup of a machine without signals. Raises UsageError
-    as `Session.begin`."""
+    """Go on after a pause, or begin the next setup of a machine without signals. Raises the
+    UsageError of `Session.begin`.
+    """
     if not working.paused and working.session.survey.plc.silent:
         working.session.begin(working.session.book.next_setup(), now_ns())
     working.paused = False
 
 
 def _name(session: Session, arguments: Mapping[str, str]) -> None:
-    """Take the names of operator and workpiece as far as given."""
+    """Record the names of operator and workpiece, if given."""
     for key in ("operator", "workpiece"):
         if key in arguments:
             session.round.run[key] = _line(key, arguments[key])
@@ -356,7 +364,9 @@ def _planned(session: Session, setup: str) -> str:
 
 
 def _line(name: str, text: str) -> str:
-    """Return a text that stays on its line of a report. Raises UsageError for another one."""
+    """Return a text in a form that stays on one line of a report. Raises UsageError for a text that
+    does not.
+    """
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
         raise UsageError(
             name, expected=message("expects-line", count=LONGEST_NAME), found=ascii(excerpt(text))

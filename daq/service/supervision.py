@@ -1,4 +1,4 @@
-"""Watching over the daemon itself: its workers, its disk, its clocks, and systemd's watchdog."""
+"""Supervision of the daemon itself: its workers, its disk, its clocks, and systemd's watchdog."""
 
 import asyncio
 import time
@@ -15,17 +15,18 @@ from stepdiag.daq.timing.host_clock import ClockWatch
 LOOK_S = 1.0
 """Period of the checks in s, shorter if systemd's watchdog needs it."""
 STOOD_S = 2.0
-"""Looks that lie so much further apart than they should: this process, or the whole computer, stood
-still."""
+"""Additional time in s between two checks which shows that this process, or the whole computer,
+stood still.
+"""
 _log = structlog.get_logger("daemon")
 
 
 class Supervisor:
     """Feeds the watchdog while no worker is dead.
 
-    ``dead`` returns the dead workers, each with the known reason of its end; ``remark`` leaves a
-    line for a person in the open log. ``require_folder`` raises DeviceError if the survey's folder
-    is gone.
+    ``dead`` returns the dead workers, each with the known reason of its end; ``remark`` writes a
+    line for a person into the open log. ``require_folder`` raises DeviceError if the survey's
+    folder is missing.
     """
 
     def __init__(
@@ -47,11 +48,12 @@ class Supervisor:
         self._min_free_gb = min_free_gb
         self._clocks = ClockWatch()
         self.disk: Words = ""
-        """The finding of the disk; empty while there is room."""
+        """The finding of the disk; empty while there is space."""
 
     async def watch(self) -> None:
         """Look again and again. Raises RuntimeError where a worker is dead, DeviceError where the
-        survey's folder is gone."""
+        survey's folder is missing.
+        """
         interval_s = min(LOOK_S, (self._notifier.watchdog_s or 2 * LOOK_S) / 2)
         while True:
             await asyncio.sleep(interval_s)
@@ -76,7 +78,7 @@ class Supervisor:
         self.disk = words
 
     def _look_at_clocks(self, interval_s: float) -> None:
-        """Report the facts behind the stamps of the open log: they go into the log too."""
+        """Report the facts behind the stamps of the open log, which stores them too."""
         look = self._clocks.look()
         if look.set_by_s:
             _log.warning("clock-set", by_s=round(look.set_by_s, 1))

@@ -1,5 +1,5 @@
-"""The survey file: what a person wrote, checked.
+"""The survey file: the text of a person, checked.
 
-In: TOML and the files it names. Out: a `Survey`, or the field that is wrong. Imported by every room
-above; opens no port.
+In: In: TOML and the files that it names. Out: a `Survey`, or the name of the wrong field. Imported
+by every room above; opens no port.
 """

@@ -22,7 +22,7 @@ _NOT_PROVED = ("[[export]]", "[head", "[proof]")
 
 def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
     """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and
-    shifts, and ``[volume]`` has these ``increments`` where they are given; all else is untouched.
+    shifts, and ``[volume]`` has the given ``increments``, if any; the rest is unchanged.
 
     Raises UsageError if the survey cannot hold such a plan (a run of a head that it lacks), or
     writes its plan in another form.
@@ -62,8 +62,8 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
 
 
 def extends(text: str, recorded: str) -> bool:
-    """Return whether a survey file is that of a log, perhaps with further setups: the log's setups
-    are driven and coded as before.
+    """Return whether a survey file equals that of a log, possibly with further setups: the log's
+    setups are driven and coded as before.
     """
     if text == recorded:
         return True
@@ -129,7 +129,9 @@ def as_proof(
 
 
 def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
-    """Return a section with values below its header, in the place of what it stated of them."""
+    """Return a section with the values below its header, in place of its earlier statements about
+    them.
+    """
     kept, inside = list[str](), False
     for line in block:
         if inside:
@@ -157,15 +159,16 @@ def _blocks(lines: Sequence[str]) -> list[list[str]]:
 
 
 def _finer(block: Sequence[str], increments: int | None) -> list[str]:
-    """Return a section as it is, ``[volume]`` with other increments where they are given; a remark
-    behind the number stays."""
+    """Return a section unchanged, but ``[volume]`` with the given increments, if any; a remark
+    after the number stays.
+    """
     if increments is None or block[0].strip() != VOLUME:
         return list(block)
     return [re.sub(r"^(\s*increments\s*=\s*)\d+", rf"\g<1>{increments}", line) for line in block]
 
 
 def _amended(block: Sequence[str], plan: Plan) -> list[str]:
-    """Return the section with new settings in place of the old, added settings right below the
+    """Return the section with new settings in place of the old, added settings directly below the
     header, shifted beams at its end.
     """
     settings, made, inside = _settings(plan), list[str](), False
@@ -189,7 +192,7 @@ def _amended(block: Sequence[str], plan: Plan) -> list[str]:
 
 
 def _after_settings(block: Sequence[str]) -> list[str]:
-    """Return the lines behind the last setting of a section: remarks and empty lines."""
+    """Return the lines after the last setting of a section: remarks and empty lines."""
     settings = [
         index
         for index, line in enumerate(block)

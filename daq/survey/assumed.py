@@ -15,7 +15,7 @@ from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Tolerance, Uncertainty
 
 VACUUM_WAVELENGTH_NM = 633.0
-"""The index's uncertainty hardly depends on it."""
+"""The index's uncertainty hardly depends on this value."""
 
 
 def assumptions_of(survey: Survey) -> Assumptions:
@@ -33,8 +33,8 @@ def assumptions_of(survey: Survey) -> Assumptions:
 
 
 def parse_uncertainty(text: str, source: str) -> Assumptions:
-    """Return the assumptions that a TOML text states under ``[uncertainty]``, as in a survey file;
-    the rest is usual.
+    """Return the assumptions of a TOML text under ``[uncertainty]``, as in a survey file; the
+    others are the usual ones.
 
     Raises UsageError for unknown names and impossible values.
     """
@@ -48,7 +48,8 @@ def parse_uncertainty(text: str, source: str) -> Assumptions:
 
 def parse_tolerance(text: str, source: str) -> dict[str, float]:
     """Return the tolerances by quantity under ``[tolerance]`` of a TOML text, as in a survey file.
-    Raises as `parse_uncertainty`."""
+    Raises the errors of `parse_uncertainty`.
+    """
     document = read_toml(text, source)
     if "tolerance" not in document:
         raise refuse(source, "tolerance", "a table [tolerance]", list(document))
@@ -56,8 +57,9 @@ def parse_tolerance(text: str, source: str) -> dict[str, float]:
 
 
 def _index(section: Uncertainty, environment: Environment) -> float:
-    """Return the relative standard uncertainty of index and wavelength: from the certificates where
-    they are stated, else as assumed."""
+    """Return the relative standard uncertainty of index and wavelength: from the certificates if
+    stated, else as assumed.
+    """
     sensors = AirUncertainty(
         temperature_c=section.u_air_temperature_c,
         pressure_hpa=section.u_air_pressure_hpa,
@@ -93,7 +95,7 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
 
 def _sizes(section: Uncertainty) -> dict[str, Any]:
     """Return the machine's sizes by their names in `Assumptions`: as stated in the section, else as
-    usual in its class.
+    usual for its class.
     """
     stated = msgspec.structs.asdict(section)
     usual = usual_sizes(section.machine_class, section.feedback)

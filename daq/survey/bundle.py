@@ -1,7 +1,7 @@
-"""The files a survey names, kept with its logs: profiles, the tables that profiles name, angles,
-the head's calibration.
+"""The files that a survey names, stored with its logs: profiles, the tables that profiles name,
+angles, the head's calibration.
 
-A replay must not depend on files that have changed since; so they stand in the log, unchanged.
+A replay must not depend on files that have changed since; so the log contains them unchanged.
 """
 
 import base64
@@ -19,8 +19,9 @@ from stepdiag.daq.survey.models import Survey
 PREFIX = "file:"
 """Marks a file among the entries of a log's ``stepdiag.run``."""
 MAX_BUNDLE_BYTES = 32_000_000
-"""All files together: in base64 they must stay below what the reader of a log takes for one record
-(`daq.log.reader`)."""
+"""Largest size of all files together: in base64 they must fit into one record of a log
+(`daq.log.reader`).
+"""
 
 
 def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
@@ -67,8 +68,8 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
 
 
 def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files that were active while measuring, by name. Raises DataError for a bundle
-    that lacks a file of the survey.
+    """Return the files that were active during the measurement, by name. Raises DataError for a
+    bundle that lacks a file of the survey.
     """
     missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
@@ -77,8 +78,9 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
-    """Return ``compensation-unanswered`` where the survey does not state what is active in the
-    control."""
+    """Return ``compensation-unanswered`` where the survey does not state the active compensation of
+    the control.
+    """
     if survey.machine.compensation in ("off", "on"):
         return ()
     text = message("compensation-unanswered")
@@ -148,7 +150,7 @@ def _read(path: Path, source: str) -> bytes:
 
 
 def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:
-    """Return the part of a survey that every log of it holds in ``stepdiag.run``: whether a
+    """Return the part of a survey that each of its logs contains in ``stepdiag.run``: whether a
     compensation is active, and the survey's files.
     """
     bundle = read_bundle(survey_file, survey)

@@ -1,4 +1,4 @@
-"""The template with a first survey's answers, as if typed; everything else with its remarks
+"""The template with the answers for a first survey, as if typed; the rest with its remarks
 unchanged.
 """
 
@@ -13,7 +13,7 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.template import template
 
 OWN_AIR = ("ids3010", "lasertex")
-"""Lasers with sensors of their own."""
+"""Lasers that have their own sensors."""
 _BAUDS = {"lasertex": 3_000_000}
 _WITHOUT_AIR = ("siemens-828d", "siemens-840dsl", "heidenhain", "none")
 _ADVISED = (
@@ -49,8 +49,9 @@ class MachineClass:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 stands for that of
-    its protocol."""
+    """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 means the usual
+    port of its protocol.
+    """
 
     name: str
     machine: str
@@ -92,9 +93,9 @@ def begun(usual: MachineClass, source: str) -> str:
 
 
 def _advised() -> str:
-    """Return the template with what a new survey is advised, and a file without it is not: other
-    orders of axes for repeats, and targets of their own for linear runs, which show the waves of a
-    screw."""
+    """Return the template with the settings recommended for a new survey: other orders of axes for
+    repeats, and separate targets for linear runs, which show the waves of a screw.
+    """
     text = template()
     for line in _ADVISED:
         text = text.replace(f"\n#{line}\n", f"\n{line}\n")
@@ -103,8 +104,10 @@ def _advised() -> str:
 
 def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
     """Return the number of increments whose steps are whole micrometres, as a program states them,
-    and in step with no screw of a pitch; where there is none, with the fewest, whole turns before
-    half turns. Of several such numbers it is the next to `USUAL`."""
+    and that do not coincide with the pitch of a screw. If there is no such number, return the one
+    with the fewest coincidences, whole turns before half turns. Of several such numbers, the one
+    nearest to `USUAL` is used.
+    """
     size = list(size_mm)
     whole = [
         n
@@ -123,8 +126,9 @@ def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
 
 
 def plc_section(control: str, host: str, tcp_port: int) -> str:
-    """Return the text below ``[plc]`` for a control at a host; ``tcp_port`` 0 stands for that of
-    its protocol."""
+    """Return the text below ``[plc]`` for a control at a host; ``tcp_port`` 0 means the usual port
+    of its protocol.
+    """
     section = control_section(control, host)
     line = f"host = {_quoted(host)}\n"
     return section.replace(

@@ -1,4 +1,4 @@
-"""Conditions that a person states after a survey: they count in place of what was recorded."""
+"""Conditions that a person states after a survey: they replace the recorded ones."""
 
 from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml, refuse
@@ -10,10 +10,10 @@ NAMES = (*AIR, "material_temperature_c")
 
 
 def parse_environment(text: str, source: str) -> dict[str, float]:
-    """Return the conditions that a TOML text states, by name: under ``[environment]``, as in a
-    survey file, or alone.
+    """Return the conditions of a TOML text by name: under ``[environment]``, as in a survey file,
+    or alone.
 
-    A condition that it does not name stays as recorded. Raises UsageError for unknown names,
+    A condition that the text does not name stays as recorded. Raises UsageError for unknown names,
     impossible values, or an empty text.
     """
     document = read_toml(text, source)

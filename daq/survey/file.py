@@ -1,4 +1,4 @@
-"""The survey file (TOML): everything a survey needs, read once and never changed.
+"""The survey file (TOML): all settings of a survey, read once and never changed.
 
     load_survey(path)            file -> Survey
     parse_survey(text, source)   the same from a log's attachment
@@ -27,8 +27,8 @@ def load_survey(path: Path) -> Survey:
     """Return the survey of a file.
 
     Raises UsageError when the file is unreadable, is not TOML in UTF-8, breaks a rule, or names a
-    file that does not exist; DataError for the calibration of another head: better before the
-    survey than after.
+    file that does not exist. Raises DataError for the calibration of another head, before the
+    survey begins.
     """
     survey = parse_survey(read_text(path), str(path.name))
     if survey.page.token:
@@ -57,7 +57,7 @@ def load_survey(path: Path) -> Survey:
 
 
 def parse_survey(text: str, source: str) -> Survey:
-    """Return the survey that ``text`` describes; ``source`` names it in refusals (UsageError)."""
+    """Return the survey that ``text`` describes; error messages (UsageError) name ``source``."""
     survey = convert(read_toml(text, source), Survey, source)
     check(survey, source)
     return survey

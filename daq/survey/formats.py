@@ -35,8 +35,9 @@ def laser_decoder(survey: Survey) -> Decoder:
 
 
 def repeats_after(survey: Survey) -> float:
-    """Return how many values the laser's own number of a sample has before it repeats; 0 for a
-    laser without one."""
+    """Return the number of values of the laser's own sample number before it repeats; 0 for a laser
+    without one.
+    """
     decoder = laser_decoder(survey)
     return decoder.repeats_after if isinstance(decoder, CountingDecoder) else 0.0
 
@@ -67,8 +68,9 @@ def decoders(survey: Survey) -> dict[Stream, Decoder]:
 
 
 def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
-    """Return the settings of the laser's format; that a table which the format needs is there has
-    been checked. ``air``: asked too."""
+    """Return the settings of the laser's format; the presence of its table has been checked.
+    ``air``: the air is read too.
+    """
     common: dict[str, Any] = {"sign": laser.sign, "latency_s": laser.latency_s}
     if laser.format == "ids3010":
         return Ids3010Settings(**msgspec.structs.asdict(laser.ids3010), **common, air=air)
@@ -148,8 +150,8 @@ def head_settings(head: Head) -> FormatSettings:
 
 
 def promised(survey: Survey) -> tuple[str, ...]:
-    """Return the conditions that the survey takes from a sensor or from the laser: by the sensor's
-    pattern, or by the kind of the laser except conditions from the machine.
+    """Return the conditions that the survey takes from a sensor or the laser: by the sensor's
+    pattern, or by the kind of the laser, except for conditions from the machine.
     """
     if survey.air_sensor is not None:
         return quantities_in(air_pattern(survey.air_sensor))
@@ -168,8 +170,9 @@ def air_pattern(sensor: AirSensor) -> str:
 
 
 def air_settings(sensor: AirSensor) -> AirSettings:
-    """Return how the sensor of air and material is read: a PTU300 is asked as it comes from the
-    maker."""
+    """Return the way of reading the sensor of air and material: a PTU300 in its factory setting
+    answers requests.
+    """
     return AirSettings(
         pattern=air_pattern(sensor),
         temperature_unit=sensor.temperature_unit,
@@ -182,7 +185,9 @@ def air_settings(sensor: AirSensor) -> AirSettings:
 
 
 def _angles(head: Head) -> AnglesSettings:
-    """Return how an autocollimator or a level is read: an Elcomat streams, a level is asked."""
+    """Return the way of reading an autocollimator or a level: an Elcomat sends a stream, a level
+    answers requests.
+    """
     section, elcomat = head.angles, head.format == "elcomat"
     return AnglesSettings(
         pattern=section.pattern or (ELCOMAT if elcomat else WYLER),

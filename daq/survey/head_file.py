@@ -1,9 +1,9 @@
 """The calibration file of a 4-DOF head (TOML): its head, date, curves, signs, lever and their
 uncertainty.
 
-The file travels with the logs (`daq.survey.bundle`). A file of another head is refused: its curves
-would give plausible but wrong numbers. A calibrated field is absent until a command measured it,
-and `require_measured` names the next command.
+The file travels with the logs (`daq.survey.bundle`). A file of another head is refused, because its
+curves would give plausible but wrong numbers. A calibrated field is absent until a command measured
+it, and `require_measured` names the next command.
 """
 
 import datetime as dt
@@ -45,7 +45,7 @@ CALIBRATED = (
 )
 """Every field that a command measures."""
 QD_CALIBRATED = ("qd.x", "qd.y")
-"""Those without which a quadrant detector alone gives nothing."""
+"""Fields without which a quadrant detector alone gives no result."""
 
 
 class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,8 +75,9 @@ class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The sums of QD, PSD1 and PSD2 under the same light, and by which share a sum may leave the
-    others before its spot is clipped."""
+    """The sums of QD, PSD1 and PSD2 under the same light, and the share by which a sum may differ
+    from the others before its spot is clipped.
+    """
 
     sums: tuple[Positive, Positive, Positive]
     within: Annotated[float, Meta(gt=0, le=0.5)]
@@ -86,7 +87,7 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
     """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to
     the target.
 
-    Its standard uncertainty is ``u_mm`` at ``u_at_mm`` of distance, where what is uncertain about
+    Its standard uncertainty is ``u_mm`` at the distance ``u_at_mm``, about which the uncertainty of
     the scale (``u_scale``) turns the line.
     """
 
@@ -105,7 +106,8 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
     """The corrections of the solver (`fourdof.head.Crosstalk`). The place of the cube is a
-    statement: zero is none."""
+    statement: zero means no offset.
+    """
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     psd1_leak: Pair | None = None
@@ -139,7 +141,7 @@ class UncertaintyTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """The head of the file. Focal lengths are needed for the angles; a single quadrant detector has
+    """The head of the file. Focal lengths are needed for the angles; a quadrant detector alone has
     none.
     """
 
@@ -154,7 +156,7 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
     """The whole file. A file of version 1 does not state the method behind its fields; a missing
-    field, but a curve, is taken for ideal.
+    field, other than a curve, counts as ideal.
     """
 
     head: HeadIdentity
@@ -183,13 +185,14 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, **{detector: changed})
 
     def with_measured(self, by: str, on: str, *names: str) -> "HeadFile":
-        """Return the file with what measured these fields, and when; uncertainties of a
-        commissioning before them are gone."""
+        """Return the file with the method and day of these fields; the uncertainties of an earlier
+        commissioning are removed.
+        """
         measured = {**self.measured, **{name: Measured(by=by, on=on) for name in names}}
         return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
-        """Return the fields not measured yet; of a file of version 1 the curves alone."""
+        """Return the fields not measured yet; for a file of version 1 only the curves."""
         tables = msgspec.to_builtins(self)
         return [
             name
@@ -199,8 +202,8 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def require_measured(file: HeadFile, source: str) -> None:
-    """Raise DataError that names the fields not measured yet, of all that the head needs, and the
-    next command.
+    """Raise DataError that names the fields not measured yet, among those that the head needs, and
+    the next command.
     """
     needed = QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED
     if absent := file.absent(needed):
@@ -219,7 +222,7 @@ def _at(tables: object, name: str) -> object:
 
 
 def parse_head_file(data: bytes, source: str) -> HeadFile:
-    """Return a calibration file. Raises UsageError naming the field that is wrong."""
+    """Return a calibration file. Raises UsageError with the name of the wrong field."""
     file = convert(read_toml(as_text(data, source, UsageError), source), HeadFile, source)
     _check_date(file.head.date, f"{source}: head.date")
     for name, measured in file.measured.items():
@@ -252,7 +255,9 @@ def _check_date(day: str, where: str) -> None:
 
 
 def _check_uncertainty(table: UncertaintyTable, where: str) -> None:
-    """Raise UsageError unless u and correlation belong to the fields and make a covariance."""
+    """Raise UsageError unless uncertainties and correlations belong to the fields and form a
+    covariance.
+    """
     count = len(table.of)
     for field, values, needed in (
         ("u", table.u, count),

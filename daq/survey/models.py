@@ -1,8 +1,8 @@
-"""The survey file as values: a struct per section, each field with its unit in its name, its limits
-in its type.
+"""The survey file as values: a struct per section, each field with its unit in its name and its
+limits in its type.
 
-The meaning of every field stands in `daq.survey.template`, the commented file that ``stepdiag
-init`` writes. Checks of more than one field stand in `daq.survey.rules`.
+`daq.survey.template`, the commented file of ``stepdiag init``, gives the meaning of every field.
+`daq.survey.rules` checks rules about more than one field.
 """
 
 from collections.abc import Mapping
@@ -31,8 +31,9 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Assumed = Annotated[float, Meta(ge=0, le=10_000)]
 Stated = Annotated[float, Meta(gt=0, le=10_000)]
-"""Sizes of causes in um, urad, C or their like: beyond ten millimetres it is no machine, and beyond
-a hundred metres no sum is exact."""
+"""Largest sizes of causes in um, urad, C or similar units: no machine has errors beyond ten
+millimetres, and beyond a hundred metres no sum is exact.
+"""
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
 Line = Annotated[
@@ -43,7 +44,7 @@ Line = Annotated[
         description="one-line-of-text",
     ),
 ]
-"""A text that the report shows in a single line cannot become several lines."""
+"""A text for a single line of the report, without line breaks."""
 Displacement = Literal["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"]
 Rotation = Literal["EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ"]
 Port = Annotated[int, Meta(ge=1, le=65535)]
@@ -123,15 +124,16 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def all_setups(self) -> tuple[str, ...]:
-        """Return the setups in the order they are driven: what lies on another line follows what
-        stands already."""
+        """Return the setups in the order of driving: a shifted beam follows the setup that is
+        already in place.
+        """
         bases = dict.fromkeys((*self.setups, *(offset.setup for offset in self.beam_offset)))
         named = [*self.setups, *self.offsets_mm]
         return tuple(name for base in bases for name in named if name.partition("+")[0] == base)
 
     @property
     def passes_per_setup(self) -> int:
-        """Return how many passes a setup has: repeats, each out and, where asked, back."""
+        """Return the number of passes of a setup: each repeat out and, if requested, back."""
         return self.repeats * (2 if self.return_pass else 1)
 
 
@@ -141,15 +143,14 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     apply_expansion: bool = False
     laser_on: Literal["table", "spindle"] = "table"
     compensation: Literal["off", "on", "?"] | None = None
-    """None in a file that was written before the question was asked; ``"?"`` where it stands
-    unanswered."""
+    """None in a file that is older than the question; ``"?"`` where the question is unanswered."""
     active: tuple[BesideFile, ...] = ()
     active_date: date | None = None
     active_source: str = ""
 
 
 class SerialSection(msgspec.Struct, frozen=True, kw_only=True):
-    """A serial port, as far as the person decides it."""
+    """A serial port, with the settings that a person chooses."""
 
     port: Text
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 115200
@@ -301,7 +302,7 @@ class Head(SerialSection, frozen=True, kw_only=True):
         return self.format in ("elcomat", "wyler")
 
     def run_along(self, axis: str) -> HeadRun:
-        """Return how the head stands for a run along ``axis`` (x, y, z)."""
+        """Return the mounting of the head for a run along ``axis`` (x, y, z)."""
         return {"x": self.x, "y": self.y, "z": self.z}[axis]
 
 
@@ -342,13 +343,16 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def tcp_port(self) -> int:
-        """Return the port of the control, that of its protocol where the file names none."""
+        """Return the port of the control, or the usual port of its protocol where the file names
+        none.
+        """
         return self.port or _PORTS.get(self.transport, 502)
 
     @property
     def signals(self) -> SignalMap:
-        """Return what is read: the signals and inputs of the file, the contract's block where a
-        Modbus control's names none."""
+        """Return the values to read: the signals and inputs of the file, or the contract's block
+        where a Modbus control's file names none.
+        """
         if self.silent:
             return {}
         return {**self.own_signals, **self.inputs} or (
@@ -367,12 +371,12 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
-        """Return the expressions, parsed. Raises as `expression`."""
+        """Return the expressions, parsed. Raises the errors of `expression`."""
         return {name: self.expression(name, source) for name in self.expressions}
 
     def expression(self, name: str, source: str) -> Expression:
-        """Return the expression of a signal. Raises UsageError that points at the first character
-        not understood.
+        """Return the expression of a signal. Raises UsageError with the place of the first
+        character that is not understood.
         """
         kinds: dict[str, Kind] = {
             each: "bit" if spec.type == "bit" else "word" for each, spec in self.inputs.items()
@@ -380,8 +384,9 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         return parse_expression(self.expressions[name], kinds, f"{source}: plc.expressions.{name}")
 
     def place(self, name: str) -> str:
-        """Return where a signal comes from, as a person writes it: ``holding 2 bit 0``, or its
-        expression."""
+        """Return the source of a signal in its written form: ``holding 2 bit 0``, or its
+        expression.
+        """
         return self.expressions[name] if name in self.expressions else describe(self.signals[name])
 
     @property
@@ -402,7 +407,7 @@ class StopRules(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AirSensor(SerialSection, frozen=True, kw_only=True):
-    """A sensor of air and material on a line of its own."""
+    """A separate sensor of air and material."""
 
     format: Literal["ptu300", "line"] = "line"
     pattern: str = ""
@@ -429,10 +434,10 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The user's assumptions (k = 1 unless a range or a limit is named); the meaning stands in
-    `stepdiag.base.conditions.assumptions`.
+    """The user's assumptions (k = 1 unless a range or a limit is named);
+    `stepdiag.base.conditions.assumptions` gives their meaning.
 
-    A size of the machine that is None is usual for ``machine_class`` and ``feedback``.
+    A size of the machine that is None has the usual value for ``machine_class`` and ``feedback``.
     """
 
     machine_class: Literal["good", "ordinary", "poor"] = "ordinary"
@@ -463,8 +468,9 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitudes allowed; None and no entry where none is stated. The meaning stands in
-    `stepdiag.base.conformity`."""
+    """The largest magnitudes allowed; None or no entry means that no limit is stated.
+    `stepdiag.base.conformity` gives their meaning.
+    """
 
     volumetric_rms_um: Stated | None = None
     volumetric_largest_um: Stated | None = None
@@ -493,13 +499,13 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 class Export(msgspec.Struct, frozen=True, kw_only=True):
     controller: FileName
-    """Also the name of the folder that its files go into."""
+    """Also the name of the folder of its files."""
     profile: Text
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """The claims tested by a proof run; the loaded files stand in `Machine.active`. Without
-    ``profile`` the export had none.
+    """The claims tested by a proof run; `Machine.active` holds the loaded files. Without
+    ``profile`` the export used none.
     """
 
     controller: FileName
@@ -513,8 +519,9 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     port: Port = 8420
     token: str = ""
-    """Only in logs of older versions; a survey file with a token is refused, as every log would
-    carry it."""
+    """Only in logs of older versions; a survey file with a token is refused, because every log
+    would contain it.
+    """
     token_file: str = ""
     names: tuple[HostName, ...] = ()
     certificate: str = ""
@@ -523,8 +530,8 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
-    """Customer, machine and instruments on the first page of the report; an empty entry is "not
-    stated" there.
+    """Customer, machine and instruments on the first page of the report; for an empty entry the
+    report shows "not stated".
     """
 
     customer: str = ""
@@ -578,7 +585,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def air_sensor(self) -> AirSensor | None:
-        """Return the sensor of air and material, where they are taken from one of their own."""
+        """Return the separate sensor of air and material, if the survey uses one."""
         return self.environment.sensor if self.environment.source == "sensor" else None
 
     @property
@@ -609,6 +616,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
         return self.box.axis_order
 
     def folder(self, survey_file: Path) -> Path:
-        """Return where logs and results of this survey go: ``<directory>/<name>`` seen from the
-        survey file."""
+        """Return the folder of the logs and results of this survey: ``<directory>/<name>``,
+        relative to the survey file.
+        """
         return survey_file.parent / self.identity.directory / self.identity.name

@@ -38,8 +38,9 @@ _TABLES = {
 _ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
 _MAPS = {"s7": message("map-of-s7"), "lsv2": message("map-of-lsv2")}
 LONGEST_PATH, LONGEST_NAME = 2000, 255
-"""Of a folder, in bytes: what file systems and the kernel take (PATH_MAX 4096, NAME_MAX 255), with
-room for what is put below."""
+"""Largest lengths of a folder's path and name in bytes: the limits of file systems and kernel
+(PATH_MAX 4096, NAME_MAX 255), less the space for names inside the folder.
+"""
 MOST_SHOWN = 100
 _TELL_AIR = ("ids3010", "lasertex")
 """Formats of lasers whose own sensors of air and material are read."""
@@ -98,7 +99,7 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _lines(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Judge what is driven on another line than the usual one."""
+    """Check the setups that are driven on another line than the usual one."""
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
@@ -136,8 +137,9 @@ def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
 
 
 def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Judge what would end the daemon later, with an error of Python's own: names of hosts and
-    folders that no system takes."""
+    """Check values that would end the daemon later with an error of Python: names of hosts and
+    folders that no system accepts.
+    """
     for field, host in (
         ("plc.host", survey.plc.host),
         ("page.host", survey.page.host),
@@ -206,7 +208,7 @@ def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield the refusals by the settings of the format itself, in the name of the file."""
+    """Yield the refusals by the settings of the format itself, with the names in the file."""
     try:
         laser_settings(survey.laser)
     except UsageError as refusal:
@@ -451,7 +453,7 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
 
 
 def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
-    """Judge where a signal or an input lies and how it is read."""
+    """Check the place and the type of a signal or an input."""
     if spec.in_bit_table and spec.type != "bit":
         yield refuse(source, f"{field}.type", message("bit-table", table=spec.table), spec.type)
     if spec.in_bit_table and spec.bit:
@@ -467,8 +469,8 @@ def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
 
 
 def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[UsageError]:
-    """Check whether the control's protocol reaches a table, and whether the number has the
-    control's type.
+    """Check whether the control's protocol reaches a table, and whether the number has a type of
+    the control.
     """
     wanted, words = _TABLES[plc.transport]
     if not wanted.match(spec.table):
@@ -506,7 +508,7 @@ def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
-    """Two signals may share a register only as different bits of it."""
+    """Two signals may share a register only as different bits of this register."""
     names = list(signals)
     for index, name in enumerate(names):
         for other in names[:index]:
@@ -555,7 +557,7 @@ def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def rtu_poll_s(signals: SignalMap, baud: int, standing: Collection[str] = ("stopped",)) -> float:
-    """Return the time one poll takes on the wire in seconds, device's own time not counted
+    """Return the time of one poll on the wire in seconds, without the device's own time
     (instruments.md 4.2).
 
     A request is 8 characters, an answer 5 and its data; 3.5 characters of silence before each.
@@ -584,8 +586,9 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def least_dwell_s(survey: Survey) -> float:
-    """Return how long the machine stands at least: a stop is certain only between the first and the
-    last poll that saw it, so that dwell > settle + window + 2 polls (instruments.md 4.2)."""
+    """Return the shortest time for which the machine stands: a stop is certain only between its
+    first and its last poll, so that dwell > settle + window + 2 polls (instruments.md 4.2).
+    """
     return survey.stop.settle_s + survey.stop.min_window_s + 2.0 / survey.plc.poll_hz
 
 

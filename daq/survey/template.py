@@ -1,11 +1,11 @@
 """The commented survey file that ``stepdiag init`` writes.
 
-The text is a file of its own beside this module and so readable directly.
+The text is a separate file beside this module, and so readable directly.
 """
 
 from importlib.resources import files
 
 
 def template() -> str:
-    """Return a survey file in which every field is documented; it is valid unchanged."""
+    """Return a survey file with a comment on every field; it is valid unchanged."""
     return files("stepdiag.daq.survey").joinpath("template.toml").read_text(encoding="utf-8")

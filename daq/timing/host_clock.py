@@ -1,20 +1,22 @@
-"""The clock of this computer that stamps everything, and the time of day beside it.
+"""The clock of this computer that gives every stamp, and the time of day beside it.
 
-Stamps are CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC it goes on while the
-computer sleeps (clock_gettime(2)). So a sleep of the computer and a stopped process leave the same
-trace in a log: time without samples. The time of day is an offset, written beside the stamps and
-never into them.
+Stamps are CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC it continues while
+the computer sleeps (clock_gettime(2)). So a sleep of the computer and a stopped process leave the
+same trace in a log: a time without samples. The time of day is an offset, written beside the stamps
+and never into them.
 """
 
 import time
 from dataclasses import dataclass
 
 LOOKS = 5
-"""Of so many looks at both clocks the quickest counts: the others may have been held up in
-between."""
+"""Number of readings of both clocks, of which the quickest is used: the others may have been
+delayed in between.
+"""
 STEP_S = 0.5
-"""A time of day that goes on by so much more or less than the host's clock was set; a network's
-clock is followed far more slowly."""
+"""A time of day that advances more or less than the host's clock by this amount was set; a
+network's clock is followed far more slowly.
+"""
 
 
 def now_ns() -> int:
@@ -36,8 +38,8 @@ def wall_offset_ns() -> int:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Events between two looks: the change of the time of day (0: not set), the time between the
-    looks, and the computer's sleep in this time.
+    """Events between two readings of the clocks: the change of the time of day (0: not set), the
+    time between the readings, and the computer's sleep in this time.
     """
 
     set_by_s: float
@@ -46,7 +48,7 @@ class Look:
 
 
 class ClockWatch:
-    """Looks at the clocks now and then."""
+    """Reads the clocks now and then."""
 
     def __init__(self) -> None:
         self._seen_ns = now_ns()
@@ -67,5 +69,5 @@ class ClockWatch:
 
 
 def _asleep_ns() -> int:
-    """Return how long the computer has slept since it was started."""
+    """Return how long the computer has slept since its start."""
     return now_ns() - time.monotonic_ns()

@@ -1,7 +1,7 @@
 """From arrival times to sample times.
 
 An instrument's samples are evenly spaced; their arrival is not. Every arrival is the time of the
-sample plus a delay that is never below some minimum, so the line under all points (counter,
+sample plus a delay that is never below some minimum. So the line under all points (counter,
 arrival) is the instrument's own clock, late by that minimum delay. A least-squares line would be
 late by the mean delay, which behind a 16 ms USB timer is ten milliseconds (reference: lower
 envelope against dejittering, Graham scan over the points, touching the hull at the mean counter).
@@ -20,11 +20,13 @@ MEMORY_BINS = 480
 FREE_SLOPE_SPAN_NS = 10_000_000_000
 """Below ten seconds the rate from the instrument is better than the slope of the points."""
 WRONG_RATE_NS, WRONG_RATE_SHARE = 500_000_000, 0.2
-"""No delay is so long, and no quartz so far off: a stated rate that the arrivals contradict by more
-is not the instrument's."""
+"""No delay is as long, and no quartz as far off: a stated rate that the arrivals contradict by more
+is not the instrument's.
+"""
 SKIP_BINS = 8
-"""Two seconds of points that are all late by most of a sample period are a silent skip, not
-jitter."""
+"""If the points of two seconds are all late by most of a sample period, samples were skipped
+without notice; jitter is not the reason.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +49,8 @@ class Line:
 def lower_line(counters: NDArray[np.float64], arrivals: NDArray[np.float64]) -> tuple[float, float]:
     """Return (offset, slope) of the line below all points that has the least mean distance to them.
 
-    It is the edge of the lower convex hull above which the mean counter lies. Needs two points,
-    counters ascending.
+    The line is the edge of the lower convex hull below the mean counter. Needs two points, counters
+    ascending.
     """
     hull: list[int] = []
     for index in range(len(counters)):
@@ -85,8 +87,9 @@ class SampleClock:
         self._period_ns = 1e9 / rate_hz if rate_hz else None
 
     def add(self, counter: int, arrival_ns: int) -> bool:
-        """Take the last sample of a chunk. Returns False where a silent skip was seen: the points
-        before it are forgotten."""
+        """Take the last sample of a chunk. Returns False where samples were skipped without notice:
+        the earlier points are discarded.
+        """
         if self._points and counter <= self._points[-1][0]:
             return True
         number = arrival_ns // BIN_NS
@@ -105,7 +108,7 @@ class SampleClock:
         return self.line().at(counter)
 
     def line(self) -> Line:
-        """Return the line under the points kept."""
+        """Return the line under the stored points."""
         if self._line is None:
             self._line = self._fit(list(self._points))
         return self._line
@@ -137,8 +140,8 @@ class SampleClock:
         return Line(origin_counter, origin_ns + offset - self._latency_ns, slope)
 
     def _skipped(self) -> bool:
-        """Return whether the last two seconds are all late by most of a sample, and if so keep only
-        them.
+        """Return whether the points of the last two seconds are all late by most of a sample, and
+        in this case keep only them.
 
         An instrument that drops a sample without counting makes every later sample late by one
         period.

@@ -1,7 +1,7 @@
 """The output of every wire format: samples in columns, and remarks about the stream.
 
-Columns, not objects: a decoder works on blocks of lines and the synchroniser on arrays, so that a
-core follows a hundred thousand samples a second.
+Columns, not objects: a decoder processes blocks of lines and the synchroniser arrays, so that one
+core suffices for a hundred thousand samples a second.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ class Flag(IntFlag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Notice:
-    """A remark of the stream at sample ``index`` of its batch (the sample before which it stands).
+    """A remark of the stream at sample ``index`` of its batch (the sample that follows the remark).
 
     ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``. ``name`` is the
     condition in an ``environment`` notice, ``why`` a message, or the instrument's own text.
@@ -53,10 +53,10 @@ class Samples:
 
     ``counter`` is the instrument's own count, unwrapped, so that differences are sample periods. A
     polled instrument has no counter: the host numbers the answers. ``position_mm`` grows as
-    configured by the laser's sign and is NaN where there is none. ``beam`` is the signal strength
-    from 0 to 1, NaN where unknown. ``flags`` holds `Flag` bits. ``arrival_ns`` is the arrival stamp
-    of the chunk that completed the sample. ``channels`` holds what a 4-DOF head sends, shape
-    (count, k).
+    configured by the laser's sign and is NaN for a missing position. ``beam`` is the signal
+    strength from 0 to 1, NaN where unknown. ``flags`` holds `Flag` bits. ``arrival_ns`` is the
+    arrival stamp of the chunk that completed the sample. ``channels`` holds the values of a 4-DOF
+    head, shape (count, k).
     """
 
     counter: NDArray[np.int64]
@@ -83,11 +83,12 @@ class Samples:
 
 
 class Decoder(Protocol):
-    """One object a stream. Any split of the same bytes gives the same samples, arrival stamps
-    apart."""
+    """One object per stream. Any division of the same bytes gives the same samples, except for the
+    arrival stamps.
+    """
 
     nominal_rate_hz: float | None
-    """The rate as last reported by the instrument or its data sheet; None where it is unknown."""
+    """The rate as last reported by the instrument or its data sheet; None where unknown."""
     gaps_visible: bool
     """Whether a lost sample leaves a gap in the counter."""
     latency_s: float
@@ -99,7 +100,7 @@ class Decoder(Protocol):
         ...
 
     def resync(self) -> None:
-        """Discard the half line or frame: the stream was interrupted."""
+        """Discard the incomplete line or frame: the stream was interrupted."""
         ...
 
 
@@ -108,13 +109,14 @@ class CountingDecoder(Decoder, Protocol):
     """A decoder of an instrument that may number its samples itself."""
 
     repeats_after: float
-    """How many values the instrument's number has before it repeats; infinite where it never
-    does."""
+    """Number of values of the instrument's sample number before it repeats; infinite if it never
+    repeats.
+    """
 
 
 @runtime_checkable
 class SteadyDecoder(Decoder, Protocol):
-    """A decoder that takes many chunks in little more time than a single chunk, as long as they
+    """A decoder that processes many chunks in little more time than a single chunk, as long as they
     hold only plain samples.
     """
 
@@ -130,8 +132,9 @@ class SteadyDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class PolledDecoder(Decoder, Protocol):
-    """A decoder for an instrument that answers requests; the link sends ``request`` and feeds the
-    answer."""
+    """A decoder for an instrument that answers requests; the link sends ``request`` and passes on
+    the answer.
+    """
 
     request: bytes
     poll_interval_s: float
@@ -139,13 +142,12 @@ class PolledDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class AskingDecoder(PolledDecoder, Protocol):
-    """A decoder that asks for other quantities too, each at its own pace: air, strength of the
+    """A decoder that requests further quantities, each at its own pace: air, strength of the
     signal.
     """
 
     others: Sequence[tuple[bytes, float]]
-    """Further requests and how many seconds lie between two of the same; answered like
-    ``request``."""
+    """Further requests, and the seconds between two equal ones; answered like ``request``."""
 
 
 @runtime_checkable

@@ -1,9 +1,9 @@
 """A stream of an instrument: bytes in, samples of a time span out.
 
-Chunks are decoded on request, or after a second: twenty chunks at once cost little more than a
-single chunk. The samples do not depend on the time of decoding, else a replay would differ from the
-live run: a decoder takes several chunks at once only if they hold plain samples alone, every sample
-keeps the arrival of its own chunk, and old samples are discarded by whole chunks.
+Chunks are decoded on request, or after a second: twenty chunks at once take little more time than a
+single chunk. The samples must not depend on the time of decoding, or a replay would differ from the
+live run. So a decoder takes several chunks at once only if they hold plain samples alone, every
+sample keeps the arrival of its own chunk, and old samples are discarded by whole chunks.
 """
 
 import math
@@ -21,30 +21,30 @@ from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDe
 
 MEMORY_NS = 90_000_000_000
 MEMORY_SAMPLES = 1_000_000
-"""Samples kept: long enough to look back for a stop that Modbus missed, bounded for fast
-instruments.
-"""
+"""Samples kept: enough to find a stop that Modbus missed, bounded for fast instruments."""
 HOLD_NS = 1_000_000_000
 HOLD_BYTES = 65_536
-"""Longest time and most bytes that wait to be decoded."""
+"""Longest time and largest number of bytes that wait for decoding."""
 ARRIVAL_SLACK_NS = 500_000_000
-"""Samples may arrive this much later than they were taken."""
+"""Largest delay between the time of a sample and its arrival."""
 CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
-"""After any of these an interferometer has lost its count: readings before and after belong to
-different zeros."""
+"""After any of these remarks an interferometer has lost its count: readings before and after belong
+to different zeros.
+"""
 LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
-"""Before the first good sample a decoder may not have recognised its instrument yet; only these
-remarks mean a loss.
+"""Before the first good sample a decoder may not have recognised its instrument yet; then only
+these remarks mean a loss.
 """
 UNUSABLE = CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
 
 
 LEAST_STEP_MM = 1e-9
-"""A picometre: what is less comes from the arithmetic, not from the instrument."""
+"""A picometre: smaller differences come from the arithmetic, not from the instrument."""
 UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
-"""A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter
-gap is remarked as such."""
+"""A beam that is cut and returns within this time without a sample leaves no trace; a shorter gap
+is remarked as such.
+"""
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
 """Reason why the laser was unwatched, in words."""
@@ -52,7 +52,7 @@ LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-mis
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """The count was lost, or may have been in an unwatched time: the reason, and the time
+    """The count was lost, or may have been lost in an unwatched time: the reason, and the time
     (arrival).
     """
 
@@ -100,33 +100,35 @@ class StreamBuffer:
 
     @property
     def breaks(self) -> list[Break]:
-        """Return every loss of count so far."""
+        """Return every loss of count until now."""
         self._settle()
         return self._breaks
 
     @property
     def samples(self) -> int:
-        """Return the number of samples so far."""
+        """Return the number of samples until now."""
         self._settle()
         return self._samples
 
     @property
     def resolution_um(self) -> float:
-        """Return the least step between two samples so far: the instrument's resolution, once it
-        has moved; infinite before."""
+        """Return the least step between two samples until now: the instrument's resolution after
+        its first movement; infinite before.
+        """
         self._settle()
         return self._least_step_mm * 1e3
 
     @property
     def garbage(self) -> int:
-        """Return the number of lines or frames that made no sense."""
+        """Return the number of lines or frames that could not be decoded."""
         self._settle()
         return self._garbage
 
     @property
     def conditions(self) -> Mapping[str, float]:
-        """Return the last values of air and material that the instrument itself sent, by the names
-        of the signals."""
+        """Return the last values of air and material from the instrument's own sensors, by the
+        names of the signals.
+        """
         self._settle()
         return self._conditions
 
@@ -166,13 +168,13 @@ class StreamBuffer:
             self._settle()
 
     def heard(self) -> tuple[Notice, ...]:
-        """Return the decoder's remarks since this was last asked, the first of each kind."""
+        """Return the decoder's remarks since the last call, the first of each kind."""
         self._settle()
         notices, self._notices = tuple(self._notices.values()), {}
         return notices
 
     def interrupted(self, at_ns: int, reason: Words = LINE_LOST) -> None:
-        """Take note of missing bytes: the half line before the gap does not belong to the bytes
+        """Record missing bytes: the incomplete line before the gap does not belong to the bytes
         after it.
 
         The laser was unwatched even in a short gap: a beam that is cut meanwhile and comes back
@@ -183,8 +185,9 @@ class StreamBuffer:
         self._breaks.append(Break(at_ns, reason, watched=False))
 
     def forget_breaks(self) -> None:
-        """Keep the last loss of count and the last time unwatched: for a stream that is followed
-        for weeks and not recorded."""
+        """Keep the last loss of count and the last unwatched time, for a stream that is followed
+        for weeks and not recorded.
+        """
         if len(self._breaks) > 2:
             self._breaks = list(last_of_each(self._breaks))
 
@@ -198,8 +201,8 @@ class StreamBuffer:
         return float(newest)
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples taken in the closed span of time that had arrived before
-        another time.
+        """Return the usable samples of a closed span of time that had arrived before another
+        time.
         """
         chosen = self._around(from_ns, to_ns)
         if not chosen:
@@ -227,7 +230,8 @@ class StreamBuffer:
 
     def count_at(self, time_ns: float) -> int | None:
         """Return the instrument's own number of the sample nearest to a time; None where the host
-        numbers the samples, or no sample lies near."""
+        numbers the samples, or no sample is near.
+        """
         near = self._around(time_ns - UNWATCHED_NS, time_ns + UNWATCHED_NS)
         if not self._decoder.gaps_visible or not near:
             return None
@@ -259,8 +263,9 @@ class StreamBuffer:
         return np.concatenate([np.zeros(0, dtype=np.uint16), *parts])
 
     def _around(self, from_ns: float, to_ns: float) -> list[tuple[Samples, SampleClock]]:
-        """Return the batches that may hold samples of a span, from the newest back: what is asked
-        for has mostly just come."""
+        """Return the batches that may hold samples of a span, from the newest back: most requests
+        concern new samples.
+        """
         self._settle()
         chosen = []
         for batch, clock in reversed(self._batches):
@@ -271,7 +276,7 @@ class StreamBuffer:
         return chosen[::-1]
 
     def _settle(self) -> None:
-        """Decode what waits."""
+        """Decode the waiting chunks."""
         if not self._waiting:
             return
         chunks, self._waiting, self._waiting_bytes = self._waiting, [], 0
@@ -310,7 +315,7 @@ class StreamBuffer:
             self._conditions_ns[notice.name] = arrival_ns
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
-        """Return the clock of a new segment; batches already in keep the one they were timed by."""
+        """Return the clock of a new segment; existing batches keep the clock of their times."""
         self._rate_hz = rate_hz
         return SampleClock(
             rate_hz, self._decoder.latency_s, gaps_visible=self._decoder.gaps_visible
@@ -353,8 +358,8 @@ class StreamBuffer:
                 self._batches.appendleft((batch.after(gone), clock))
 
     def _watch_for_holes(self, batch: Samples) -> None:
-        """Note a time without samples: by the counter if the instrument counts unsent samples, else
-        by arrivals.
+        """Record a time without samples: by the counter if the instrument counts unsent samples,
+        else by arrivals.
 
         In the latter case the samples before and after the hole are no longer numbered alike: their
         clock begins anew.
@@ -398,8 +403,9 @@ LOSSES: Mapping[Flag, Message] = {
 
 
 def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last time unwatched: one of each states as much as
-    many."""
+    """Return the last loss of count and the last unwatched time: one of each has the same effect as
+    many.
+    """
     return tuple({event.watched: event for event in breaks}.values())
 
 

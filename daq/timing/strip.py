@@ -1,5 +1,6 @@
 """The newest readings of an instrument at full rate, lowest and highest sample of every short bin:
-for eyes, never for results."""
+for display, never for results.
+"""
 
 from collections import deque
 
@@ -10,13 +11,14 @@ from stepdiag.daq.timing.stream import StreamBuffer
 
 BIN_S = 0.02
 KEEP_BINS = 75
-"""A second and a half: a page that misses a picture or two still gets every bin."""
+"""A second and a half: a page that misses one or two pictures still gets every bin."""
 _BIN_NS = round(BIN_S * 1e9)
 
 
 class Strip:
-    """Takes batches as they come, each once. ``bins`` are (number, lowest, highest), NaN where
-    nothing was seen."""
+    """Processes the batches in the order of their arrival, each once. ``bins`` are (number, lowest,
+    highest), NaN without samples.
+    """
 
     def __init__(self) -> None:
         self.bins: deque[tuple[int, float, float]] = deque(maxlen=KEEP_BINS)
@@ -28,7 +30,7 @@ class Strip:
             self.add(batch)
 
     def add(self, batch: Samples) -> None:
-        """Take a batch: its samples are spread evenly over the time since the batch before."""
+        """Process a batch: its samples are spread evenly over the time since the previous batch."""
         if not len(batch) or int(batch.arrival_ns[-1]) <= self._newest_ns:
             return
         end = int(batch.arrival_ns[-1])

@@ -3,11 +3,11 @@
 
 TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003,
 P-COMP-00004 to 00007) and TF5280 volumetric compensation (296429067, 296390283, 296423819,
-296426379) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, by a worked
-example; the volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate`` can turn;
-the sense of the cross value is stated nowhere and is asked. With ``chain`` the volumetric file
-holds everything: components, angles with the levers that the kernel's own model of the axes gives
-them, and the squarenesses.
+296426379) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, according to a
+worked example. The volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate``
+can reverse. No page states the sense of the cross value, so the program asks for it. With ``chain``
+the volumetric file holds all errors: components, angles with their levers in the kernel's own model
+of the axes, and the squarenesses.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,7 +41,7 @@ _CSV_NAME = "volumetric_errors.csv"
 
 
 class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[beckhoff]``: which of the two ways, the logical axis numbers, the senses, the sizes."""
+    """``[beckhoff]``: the choice of file, the logical axis numbers, the senses, the sizes."""
 
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
@@ -88,7 +88,7 @@ class Beckhoff:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> BeckhoffOptions:
-        """Return the options of a quick look: the volumetric file, axes 1, 2, 3."""
+        """Return the options of a provisional export: the volumetric file, axes 1, 2, 3."""
         return BeckhoffOptions(way="volumetric", axis_numbers={"X": 1, "Y": 2, "Z": 3})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
@@ -116,8 +116,9 @@ class Beckhoff:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the same, and with ``chain`` every angle: its column is a product with each of its
-        levers."""
+        """Return the tables, and with ``chain`` also every angle: its column is a product with each
+        of its levers.
+        """
         options = profile.options_as(BeckhoffOptions)
         if options.chain is None or options.way != "volumetric":
             return self.plan(curves, profile)
@@ -160,8 +161,9 @@ class Beckhoff:
         )
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return ``lr_param.ssfk`` of each axis with a leadscrew list; of a volumetric file the NC
-        program decides, and no file."""
+        """Return ``lr_param.ssfk`` of each axis with a leadscrew list; none for a volumetric file,
+        which the NC program activates.
+        """
         numbers = profile.options_as(BeckhoffOptions).axis_numbers
         return {
             parameter_list.switch_name(numbers[table.output_axis]): "1"
@@ -170,7 +172,7 @@ class Beckhoff:
         }
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the same of lists that were copied out."""
+        """Return the same switches from lists that were copied out."""
         lists = [file for file in without_notes(files) if b"kw." in file.data]
         return {
             name: value
@@ -209,13 +211,16 @@ class Beckhoff:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return what acts: the volumetric file and each axis list are replaced as a whole."""
+        """Return the active compensation: the volumetric file and each axis list are replaced as a
+        whole.
+        """
         held, loaded = (self.parse(files, profile) if files else () for files in (own, new))
         return overwritten(held, loaded, _seat)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own volumetric file or axis lists, each replaced as a whole, and zeros where
-        there is none."""
+        """Return the own volumetric file or axis lists, each replaced as a whole, with zeros where
+        there was none.
+        """
         return own_and_zeros(self, tables, profile, _seat)
 
     def recognises(self, file: ControlFile) -> bool:
@@ -282,8 +287,9 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 
 
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
-    """Return the law of each output axis. Raises ``UsageError`` where an angle would have to be
-    turned for one axis alone."""
+    """Return the law of each output axis. Raises ``UsageError`` where an angle's sign would have to
+    be reversed for one axis only.
+    """
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
         raise UsageError(
             f"{profile.source}: beckhoff.negate",
@@ -296,10 +302,10 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
 def _chain_held(options: BeckhoffOptions, source: str) -> str:
     """Return the chain in the form of the control (ISG 296411019, P-VOLC-00008).
 
-    An axis on the workpiece side that the axis parameters already turn (vz_istw, vz_stellgr) is an
-    axis of the tool for the survey, and has to be one for the control. The effect of its angles on
+    An axis on the workpiece side that the axis parameters already reverse (vz_istw, vz_stellgr) is
+    an axis of the tool for the survey, and must be one for the control. The effect of its angles on
     its own position, which an axis of the tool lacks, is then in its curves. Raises ``UsageError``
-    for a chain with such axes that leaves this open.
+    for a chain with such axes that leaves this choice open.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)
@@ -315,8 +321,8 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
 
 
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
-    """Return the squarenesses that get a column: those whose turn of the carried axes makes no
-    difference.
+    """Return the squarenesses with their own column: those for which the rotation of the carried
+    axes has no effect.
     """
     order = (
         ""
@@ -333,10 +339,10 @@ def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
 def _volumetric(
     curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
 ) -> Iterator[Table]:
-    """Yield the ISO 230-1 components as they are, mean of both directions: the file has no
+    """Yield the ISO 230-1 components unchanged, as mean of both directions: the file has no
     direction.
 
-    ``negate`` turns the sense in the control, never the numbers: they stay the errors of the
+    ``negate`` reverses the sense in the control, never the numbers: they stay the errors of the
     machine.
     """
     quantum_um = 1000.0 * 10.0**-options.decimals
@@ -415,7 +421,9 @@ def _remarks(
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
-    """Return the axes of the profile. Raises ``UsageError`` for one without a logical number."""
+    """Return the axes of the profile. Raises ``UsageError`` for an axis without a logical
+    number.
+    """
     for letter in profile.axes:
         if letter not in options.axis_numbers:
             raise UsageError(

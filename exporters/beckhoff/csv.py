@@ -27,13 +27,15 @@ _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
 _POSITION_ERROR = re.compile(r"^[XYZABC]0[XYZABC]\Z")
 _WIDTH = 12
 _MARK, _END = b"// values and positions in mm", b"// end"
-"""Our first and last comment: the format itself has no end."""
+"""The first and last comment of files from this program: the format itself has no end mark."""
 RAD_DECIMALS = 9
 """Places of an angle in rad: a nanoradian."""
 _FINER = 2
-"""Places more than the resolution of the tables, where a squareness is taken out of its column."""
+"""Number of decimal places beyond the resolution of the tables, where a squareness is taken out of
+its column.
+"""
 SHIFTS = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
-"""The function along which each squareness shifts the tool."""
+"""The function that contains each squareness, by its shift of the tool."""
 
 Rows = list[tuple[str, list[str]]]
 
@@ -56,8 +58,8 @@ def render(
     """Return the file: a block per input axis, components in mm and angles in rad beside each
     other.
 
-    ``squareness`` names the squarenesses with a column of their own, before the others; the rest
-    stays in its straightness.
+    ``squareness`` names the squarenesses with their own column, before the others; the remaining
+    ones stay in their straightness.
     """
     curves = {table.name: table for table in tables if table.multiplier is None}
     angles = {str(table.place[COLUMN]): table for table in tables if table.multiplier is not None}
@@ -106,15 +108,17 @@ def render(
 
 
 def _slope_rad(table: Table, name: str) -> float:
-    """Return the squareness in the end-point line of a table, in the table's own sense, to the
-    places that are written."""
+    """Return the squareness in the end-point line of a table, in the table's own sense, with the
+    written number of places.
+    """
     rise = (table.value_um[-1] - table.value_um[0]) / (table.position_mm[-1] - table.position_mm[0])
     return round(float(rise) * 1e-3 / SQUARENESS_SLOPE[name][SHIFTS[name]], RAD_DECIMALS)
 
 
 def _without(table: Table, slopes_rad: Mapping[str, float]) -> Vector:
-    """Return the values of a table in um without what its squareness does, which counts from the
-    zero of the axis."""
+    """Return the values of a table in um without the effect of its squareness, which counts from
+    the zero of the axis.
+    """
     value = table.value_um
     for name, slope in slopes_rad.items():
         if SHIFTS[name] == table.name:
@@ -127,8 +131,9 @@ def _shift_um(name: str, slope_rad: float, position_mm: Vector) -> Vector:
 
 
 def recognises(file: ControlFile) -> bool:
-    """Return whether the first line that is no comment is a heading of component or position
-    errors."""
+    """Return whether the first line that is not a comment is a heading of component or position
+    errors.
+    """
     try:
         head = next(_lines(file), ("", []))[1]
     except DataError:
@@ -260,8 +265,9 @@ def _columns(
 def _angle(
     file: ControlFile, where: str, angle: Angle, profile: Profile, how: Reading, places: int
 ) -> Iterator[Table]:
-    """Yield the products of an angle column; the numbers are in the sense of the control, as those
-    of every column."""
+    """Yield the products of an angle column; the numbers have the sense of the control, as in every
+    column.
+    """
     if how.levers is None:
         if angle.value_urad.any():
             raise DataError(

@@ -72,7 +72,8 @@ def read(
 
 def switches_in(file: ControlFile) -> dict[str, str]:
     """Return the switch of the leadscrew error of an axis list, ``lr_param.ssfk`` (P-AXIS-00175),
-    by the axis; {} where it has none."""
+    by the axis; {} if the list has none.
+    """
     values = _values(file)
     axis, switch = values.get("kopf.achs_nr"), values.get(SWITCH)
     return {} if axis is None or switch is None else {switch_name(axis[1]): switch[1]}
@@ -122,7 +123,7 @@ def _units(values: Vector, per_unit: float) -> list[int]:
 
 
 def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
-    """Return place and value of every key; a key twice, or a line that is none, is refused."""
+    """Return place and value of every key; a repeated key, or any other line, is refused."""
     values: dict[str, tuple[str, str]] = {}
     for where, raw in read_lines(file):
         line = _without_remarks(raw.partition("#")[0]).strip()
@@ -136,8 +137,9 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
 
 
 def _without_remarks(line: str) -> str:
-    """Return a line without what stands between ``/*`` and the next ``*/``; a remark that is not
-    closed stays."""
+    """Return a line without the text from ``/*`` to the next ``*/``; a remark without an end
+    stays.
+    """
     kept, at = [], 0
     while (begin := line.find("/*", at)) >= 0 and (end := line.find("*/", begin + 2)) >= 0:
         kept.append(line[at:begin])
@@ -259,7 +261,7 @@ def _whole(file: ControlFile, values: Values, key: str, default: int | None = No
 
 
 def _count(file: ControlFile, values: Values, key: str) -> int:
-    """Return a number of points; a list cannot hold more than it has lines."""
+    """Return a number of points; a list cannot have more points than lines."""
     count = _whole(file, values, key)
     if not 0 <= count <= len(values):
         raise DataError(

@@ -1,9 +1,9 @@
 """The only way from a result to files for a control.
 
-Nothing is written before everything has been checked, no existing file is overwritten with other
-bytes, and the files come with their restore files, a readable report, a SHA-256 list and the steps
-to load them. Files with a table whose sense was not tested on this machine within twelve months
-carry ``_UNTESTED_SIGN`` in their names, so that they are not loaded unawares.
+Nothing is written before all checks are complete, and no existing file is overwritten with other
+bytes. The files come with their restore files, a readable report, a SHA-256 list and the steps to
+load them. Files with a table whose sense was not tested on this machine within twelve months carry
+``_UNTESTED_SIGN`` in their names, so that they are not loaded unawares.
 """
 
 from collections.abc import Collection
@@ -52,8 +52,9 @@ from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
 from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
-"""The points of a quick look meet what was measured to this; targets that are not even need a part
-of the survey's increments."""
+"""Largest miss of a measured position by the points of a provisional export; uneven targets need a
+part of the survey's increments.
+"""
 
 
 def export(
@@ -66,16 +67,16 @@ def export(
     out_dir: Path,
     today: date | None = None,
 ) -> ExportReport:
-    """Write the compensation files of a result and return what was written.
+    """Write the compensation files of a result and return their list.
 
-    ``profile`` may be None for a quick look, with tables at the measured positions or in steps of
-    ``step_mm`` (contract 5); with a profile ``step_mm`` replaces its steps. ``accept`` names the
-    warnings that may pass. ``today`` dates the sign tests, so that a replay can repeat an old
+    ``profile`` may be None for a provisional export, with tables at the measured positions or in
+    steps of ``step_mm`` (contract 5); with a profile ``step_mm`` replaces its steps. ``accept``
+    names the accepted warnings. ``today`` dates the sign tests, so that a replay can repeat an old
     export.
 
     Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a
-    failed check (nothing is written), or, where only the machine's own template is missing, after
-    writing the readable report; ``UsageError`` for a wrong profile.
+    failed check (nothing is written; if only the machine's own template is missing, the readable
+    report is written first), ``UsageError`` for a wrong profile.
     """
     require_answer(result)
     if controller == lattice.NAME:
@@ -139,14 +140,16 @@ def export(
 
 
 def _may_refuse(finding: Finding, profile: Profile) -> bool:
-    """Return whether what the planning found refuses the export: its assumptions are the point of a
-    quick look."""
+    """Return whether a finding of the planning refuses the export: a provisional export serves to
+    show its assumptions.
+    """
     return finding.severity == "error" or not profile.assumed
 
 
 def _require_something(plan: Plan, profile: Profile) -> None:
-    """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of
-    nothing is no export."""
+    """Raise ``SafetyError`` where the control has no table for any requested function: there would
+    be nothing to export.
+    """
     if not plan.tables and not plan.listed:
         asked, why = profile.machine.functions, [each.words for each in plan.findings]
         raise SafetyError(
@@ -161,8 +164,9 @@ def _require_something(plan: Plan, profile: Profile) -> None:
 def _settled(
     profile: Profile | None, control: Controller, result: Result, step_mm: float | None
 ) -> Profile:
-    """Return the profile to plan with: given, given with another step, or the stand-in of a quick
-    look."""
+    """Return the profile for the planning: the given one, the given one with another step, or the
+    stand-in of a provisional export.
+    """
     if profile is None:
         return _of_what_travelled(
             quick_profile(control, result.volume, _steps(step_mm, result)), result
@@ -180,8 +184,8 @@ def _settled(
 
 
 def _of_what_travelled(profile: Profile, result: Result) -> Profile:
-    """Return the stand-in for a survey of axes alone with its identified functions: the volume is
-    not asked for.
+    """Return the stand-in for a survey of axes alone with its identified functions: no volume is
+    requested.
     """
     if result.volume.solid:
         return profile
@@ -194,9 +198,10 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
 
 
 def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
-    """Return the steps of a quick look: the given step, or the steps of the survey.
+    """Return the steps of a provisional export: the given step, or the steps of the survey.
 
-    Points between measured positions add nothing, and points beside them cost up to a micrometre.
+    Points between measured positions add no information, and points at other positions cost up to a
+    micrometre.
     """
     if step_mm is not None:
         _require_step(step_mm)
@@ -206,7 +211,7 @@ def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
 
 def _measured_step(result: Result, index: int) -> float:
     """Return the largest part of the survey's increments whose points meet the functions of an
-    axis, or the part with the least miss.
+    axis, or else the part with the smallest miss.
     """
     letter, low_mm, step_mm = (
         AXIS_LETTERS[index],

@@ -1,10 +1,10 @@
-"""From a result to the tables that complete a control: the requested tables, and the control's old
+"""From a result to the complete tables of a control: the requested tables, and the control's old
 tables that would be lost or kept with them.
 
-The plan is made, loaded in simulation over the machine's own files, and made again until no more is
-found: an old table of a function outside the request whose seat is taken is written once more if
-there is room; an old product that stays is counted on; an old table of a function that moved to
-another seat is emptied.
+The plan is made, loaded in simulation over the machine's own files, and repeated until nothing
+changes. An old table outside the request whose place is taken is written again if there is room; an
+old product that stays is included in the computation; an old table of a function that moved to
+another place is emptied.
 """
 
 from collections.abc import Sequence
@@ -28,13 +28,14 @@ from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 _ROUNDS = 12
-"""Nine functions, and what moves by them: more rounds change nothing."""
+"""Nine functions, and the functions that move because of them: more rounds change nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """Everything that the checks look at, the plan, and what stands in the control before and
-    after."""
+    """Everything that the checks need: the plan, and the contents of the control before and
+    after.
+    """
 
     case: Case
     plan: Plan
@@ -42,7 +43,7 @@ class Planned:
 
 
 def planned(result: Result, control: Controller, profile: Profile, today: date) -> Planned:
-    """Return the plan of an export. Raises ``SafetyError`` and ``DataError`` as its steps do."""
+    """Return the plan of an export. Raises the ``SafetyError`` and ``DataError`` of its steps."""
     require_chain(result, profile)
     if not profile.existing:
         case, plan = _once(result, control, profile, today, (), {}, frozenset())
@@ -128,8 +129,9 @@ def _names(result: Result, control: Controller, profile: Profile) -> Sequence[st
 
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
-    """Return what stands in the control once the files of a plan are loaded over the machine's
-    own."""
+    """Return the contents of the control after the files of a plan are loaded over the machine's
+    own.
+    """
     try:
         files = [
             file
@@ -144,7 +146,8 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
 
 def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
     """Return the error that the old tables of a function correct. Raises ``SafetyError`` where a
-    mean would lose a direction of them."""
+    mean would lose one of its two directions.
+    """
     old = [table for table in before if table.name == name and table.multiplier is None]
     grid = profile.grid_mm(name[2])
     forward, reverse = summed_um(old, grid, 1), summed_um(old, grid, -1)

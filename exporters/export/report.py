@@ -96,7 +96,7 @@ def _effect(case: Case, prediction: Prediction, *, unproven: bool) -> Iterator[s
 
 
 def _basis(found: Basis) -> Iterator[str]:
-    """Yield which lengths the tables correct, and on what U rests."""
+    """Yield the lengths that the tables correct, and the basis of U."""
     yield "WHAT TABLES AND U REST ON"
     names = {"as_measured": "as measured", "at_20_c": "at 20 C"}
     if found.tables is not None:
@@ -147,8 +147,7 @@ def _rows(case: Case, table: Table) -> Iterator[str]:
 
 
 def _changes(case: Case) -> Iterator[str]:
-    """Yield old, new and difference as movement of the axis, where a table was in the control
-    before."""
+    """Yield old, new and difference as movement of the axis, if the control had a table before."""
     for table in case.tables:
         before = [old for old in case.previous if old.name == table.name]
         if before:
@@ -163,7 +162,7 @@ def _changes(case: Case) -> Iterator[str]:
 
 
 def _before(case: Case) -> Iterator[str]:
-    """Yield the first step on a control without a loading program that compares what it holds."""
+    """Yield the first step on a control without a loading program that compares its contents."""
     if case.controller.name in BEFORE:
         yield (
             f"{BEFORE[case.controller.name]}, and compare: `stepdiag verify RESULT FOLDER "

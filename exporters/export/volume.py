@@ -41,8 +41,9 @@ from stepdiag.exporters.tables.tables import mean_correction_um
 
 
 def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:
-    """Write the correction vectors of the whole error field; no control's law is involved, so there
-    is no sign to test."""
+    """Write the correction vectors of the whole error field; no control's law is involved, so no
+    sign needs a test.
+    """
     held = lattice.lattice_of(result, steps_mm)
     steps = (
         " x ".join(f"{each:g}" for each in steps_mm)
@@ -98,8 +99,8 @@ def export_kinematics(
 ) -> ExportReport:
     """Write lattice, component and lines for LinuxCNC, with a lattice of zeros to restore.
 
-    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and where a lattice was
-    active while measuring that is not given.
+    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and for a lattice that
+    was active during the measurement and is not given.
     """
     axes = (profile.grid_mm("X"), profile.grid_mm("Y"), profile.grid_mm("Z"))
     kinematics.require_room(axes, profile)
@@ -151,16 +152,18 @@ def export_kinematics(
 
 
 def _active(profile: Profile) -> Lattice | None:
-    """Return the lattice that acted while measuring. Raises ``SafetyError`` where something else
-    did."""
+    """Return the lattice that was active during the measurement. Raises ``SafetyError`` if another
+    compensation was active.
+    """
     if profile.machine.measured_with == "off":
         return None
     return lattice.parse(lattice.the_one_in(profile.existing, profile.source))
 
 
 def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
-    """Return what moved the machine before and was off while measuring: the lattice takes its
-    place, tables and all."""
+    """Return the compensation that was inactive during the measurement: the lattice replaces it,
+    including its tables.
+    """
     if profile.machine.measured_with == "on" or not profile.existing:
         return np.zeros_like
     lattices = [file for file in profile.existing if lattice.recognises(file)]
@@ -202,8 +205,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield what refuses a lattice that lies beside the measured volume, as a table there is
-    refused: its faces would be held all over."""
+    """Yield the refusals of a lattice beside the measured volume, as for a table there: its faces
+    would be held everywhere.
+    """
     for letter, at, low, size in zip(
         "XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True
     ):
@@ -231,8 +235,9 @@ def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
 
 
 def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield what the lattice leaves between its vertices, where they do not stand at the measured
-    positions."""
+    """Yield the residue of the lattice between its vertices, if they are not at the measured
+    positions.
+    """
     missed = {
         name: missed_um(held.axes_mm["XYZ".index(name[2])], known.position_mm, known.value)
         for name in DISPLACEMENTS
@@ -244,7 +249,7 @@ def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
 def _report(
     result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction
 ) -> str:
-    """Return the readable report: what it is, remarks, effect, steps."""
+    """Return the readable report: purpose, remarks, effect, steps."""
     unknown = [name for name, function in result.errors.items() if function.value is None]
     lines = [
         f"Compensation for {kinematics.TITLE}",
@@ -278,6 +283,6 @@ def _report(
 
 
 def _effect(prediction: Prediction) -> Iterator[str]:
-    """Yield the figures before and after, as intervals where they are."""
+    """Yield the figures before and after, as intervals if they are intervals."""
     for when, found in prediction.predicted.without_rigid_motion.items():
         yield f"{when}: rms {found.rms_um.words()}, largest {found.largest_um.bound()}"

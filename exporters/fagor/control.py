@@ -1,9 +1,10 @@
 """Fagor 8055: the leadscrew compensation table of each axis, as a list to be keyed in.
 
 Manual of the 8055i, p. 328: with LSCRWCOM (P15) on and NPOINTS (P16) points, each row holds a
-position from machine zero, the amount of error in the + direction and in the - direction, in mm; a
-- column of zeros means that the + column counts for both. "Amount of error": as error, by the
-wording. No transfer format is public, and no cross table is described.
+position from machine zero, the amount of error in the + direction and the amount in the -
+direction, in mm; a
+- column of zeros means that the + column is valid for both. "Amount of error": taken as error, by
+  its wording. No transfer format is public, and no cross table is described.
 """
 
 from stepdiag.base.findings import info

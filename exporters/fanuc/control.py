@@ -60,8 +60,9 @@ class Fanuc:
     options_template: str = TEMPLATE
 
     def quick_options(self) -> FanucOptions:
-        """Return the options of a quick look: 1 um detection unit, axes 1 2 3, reference points
-        100, 300, 500."""
+        """Return the options of a provisional export: 1 um detection unit, axes 1 2 3, reference
+        points 100, 300, 500.
+        """
         axes = {
             letter: AxisPoints(number=n, reference_point=200 * n - 100)
             for n, letter in enumerate("XYZ", start=1)
@@ -80,8 +81,9 @@ class Fanuc:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return pitch tables for positioning errors, with inclination where asked, and four-point
-        tables for straightness."""
+        """Return pitch tables for positioning errors, with inclination if requested, and four-point
+        tables for straightness.
+        """
         masters = [read_punch(file) for file in profile.existing]
         wide = [
             curve
@@ -127,8 +129,8 @@ class Fanuc:
         profile: Profile,
         notes: Sequence[str] = (),  # noqa: ARG002
     ) -> tuple[ControlFile, ...]:
-        """Return the machine's own punch files with new numbers behind P; every other byte as it
-        was.
+        """Return the machine's own punch files with new numbers after P; every other byte is
+        unchanged.
 
         Raises ``SafetyError`` (code ``template-missing``) without the machine's punched pitch data.
         """
@@ -182,7 +184,7 @@ class Fanuc:
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
         """Return the tables in the memory of the control: a punch file replaces its template
-        wholly.
+        completely.
         """
         files = copied(own, new)
         if not new:
@@ -190,8 +192,9 @@ class Fanuc:
         return self.parse(files, profile) if files else ()
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return 8135#0 and 3605#0 of the axes with pitch data, as far as the machine's own files
-        have them: series differ in them."""
+        """Return 8135#0 and 3605#0 of the axes with pitch data, if the machine's own files contain
+        them: series differ in these parameters.
+        """
         needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
         both = {axis: text for (number, axis), text in needed.items() if number == BIDIRECTIONAL}
         wanted = {switch_name(DISABLED, None): "0"}
@@ -204,12 +207,13 @@ class Fanuc:
         return {name: value for name, value in wanted.items() if name in own}
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the same of files that were punched out."""
+        """Return the same switches from files that were punched out."""
         return switches_in([read_punch(file) for file in files])
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
-        """Return the machine's own punch files: an export changes only numbers that stand in
-        them."""
+        """Return the machine's own punch files: an export changes only numbers that they
+        contain.
+        """
         return profile.existing
 
     def recognises(self, file: ControlFile) -> bool:
@@ -221,7 +225,7 @@ class Fanuc:
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the parameters and the point data as they would be typed in."""
+        """Return the parameters and the point data as text for typing in."""
         return parameter_rows(table, profile, profile.options_as(FanucOptions))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
@@ -276,7 +280,7 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
 
 
 def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> FanucOptions:
-    """Return the options with the chosen magnification of each axis."""
+    """Return the options with the magnification chosen for each axis."""
     axes = dict(options.axes)
     for table in tables:
         if table.kind == pitch.KIND:
@@ -290,8 +294,8 @@ def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> Fanu
 def _refuse_lacking(
     parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Refuse a loss of inclination, straightness or a second direction for want of their parameter
-    lines.
+    """Refuse an export that would lose inclination, straightness or a second direction because
+    their parameter lines are missing.
     """
     needed = [
         key
@@ -315,8 +319,8 @@ def _refuse_lacking(
 
 
 def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse own pitch data without an interval: the steps of a profile are those of the new table,
-    not of the old.
+    """Refuse own pitch data without an interval: the steps of a profile belong to the new table,
+    not to the old.
     """
     if not any(any(file.pitch.values()) for file in own):
         return
@@ -337,8 +341,9 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
 def _require_pitch_points(
     tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Refuse straight lines between pitch points of an axis that the plan leaves alone and the own
-    file has elsewhere."""
+    """Refuse straight lines between pitch points of an axis that the plan leaves unchanged but
+    whose points the own file has elsewhere.
+    """
     options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}
     for letter in sorted({table.input_axis for table in tables} - own):
@@ -374,8 +379,9 @@ def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) ->
 
 
 def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error for every two pitch tables that use the same point numbers (controllers.md
-    10.5)."""
+    """Yield an error for every pair of pitch tables that use the same point numbers (controllers.md
+    10.5).
+    """
     ranges = [(table, set(stored_in(table))) for table in tables if table.kind == pitch.KIND]
     for index, (one, its_points) in enumerate(ranges):
         for other, other_points in ranges[index + 1 :]:

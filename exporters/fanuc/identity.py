@@ -2,9 +2,9 @@
 units must agree.
 
 Read in manuals: 1020 axis names as ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0
-bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). Recalled only, and
-therefore warnings that may be accepted: 1001#0 inch machine, 1006#3 axis in diameters, 1013#0 and
-#1 the increment system, 5711 to 5764 straightness compensation.
+bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). Known only from memory,
+and therefore warnings that may be accepted: 1001#0 inch machine, 1006#3 axis in diameters, 1013#0
+and #1 the increment system, 5711 to 5764 straightness compensation.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from stepdiag.exporters.tables.profile import Profile
 
 AXIS_NAME, REFERENCE_POINT, HIGHEST_POINT = 1020, 3620, 3622
 OF_EVERY_AXIS, AXES = (AXIS_NAME, REFERENCE_POINT), range(1, MOST_AXES + 1)
-"""Parameters that a file has for each axis or for none, and the numbers of axes looked for."""
+"""Parameters that a file has for each axis or for none, and the axis numbers to search."""
 _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 """Least input increment by 1013#0 (IS-A) and 1013#1 (IS-C)."""
 

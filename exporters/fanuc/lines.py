@@ -4,7 +4,7 @@ Inclination (B-64523EN-1/02; B-63522EN/02 15.4): 5861-5864 point numbers, 5871-5
 to the pitch error compensation. Straightness (B-63522EN/02 15.5): amounts of the compensated axis
 at four pitch points of the moving axis. Both hold absolute compensation in detection units, linear
 in between (the page prints (a - b) for the length of a section: a misprint for (b - a)). The four
-points are chosen so that the squares of what the lines leave are least.
+points are chosen to minimise the squares of the residue.
 """
 
 from itertools import combinations
@@ -27,7 +27,7 @@ LAW = Law(sense="as-compensation")
 INCLINATION_POINTS = (5861, 5862, 5863, 5864)
 INCLINATION_VALUES = (5871, 5872, 5873, 5874)
 _CANDIDATES = 40
-"""Interior points that are tried at most: 780 pairs, each a fit of four numbers."""
+"""Largest number of interior points tried: 780 pairs, each a fit of four numbers."""
 
 
 def line_table(
@@ -90,7 +90,9 @@ def _best_lines(grid: Vector, wanted: Vector) -> tuple[list[int], Vector]:
 
 
 def _fitted(grid: Vector, wanted: Vector, knots: list[int]) -> tuple[float, list[int], Vector]:
-    """Return the sum of squares left, the knots and the values there of the least-squares lines."""
+    """Return the remaining sum of squares, and the knots of the least-squares lines with their
+    values.
+    """
     hats = np.column_stack([np.interp(grid, grid[knots], unit) for unit in np.eye(len(knots))])
     values = np.linalg.lstsq(hats, wanted, rcond=None)[0].astype(np.float64)
     return float(np.sum((hats @ values - wanted) ** 2)), knots, values

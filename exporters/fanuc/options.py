@@ -26,8 +26,9 @@ class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
 
 
 class StraightnessNumbers(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[fanuc.straightness.EYX]``: the machine's own parameter numbers; no manual that was seen
-    states them."""
+    """``[fanuc.straightness.EYX]``: the machine's own parameter numbers; no consulted manual states
+    them.
+    """
 
     moving: int
     compensated: int

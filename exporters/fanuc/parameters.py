@@ -18,12 +18,13 @@ Key = tuple[int, int | None]
 BIDIRECTIONAL = 3605
 """Parameter whose bit 0 (BDP, the last digit) switches bidirectional compensation on."""
 DISABLED = 8135
-"""Parameter whose bit 0 (NPE) takes stored pitch error compensation out of use (0i-D)."""
+"""Parameter whose bit 0 (NPE) disables stored pitch error compensation (0i-D)."""
 MOST_AXES = 32
 INTERVAL = 3624
 SET_BY_HAND = (3620, 3621, 3622, 3623, INTERVAL)
-"""Parameters that the report names, to be set once by hand where no parameter file of the machine
-was given."""
+"""Parameters that the report names, to be set once by hand if no parameter file of the machine was
+given.
+"""
 
 
 def fitted(
@@ -67,8 +68,9 @@ def parameters_of(
 
 
 def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
-    """Return the switches that punch files hold: 8135#0 (NPE, 0i-D: 1 takes all pitch error
-    compensation out) and 3605#0 of each axis."""
+    """Return the switches in punch files: 8135#0 (NPE, 0i-D: 1 disables all pitch error
+    compensation) and 3605#0 of each axis.
+    """
     keys: list[Key] = [
         (DISABLED, None),
         *((BIDIRECTIONAL, axis) for axis in range(1, MOST_AXES + 1)),
@@ -83,7 +85,7 @@ def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
 
 
 def switch_name(number: int, axis: int | None) -> str:
-    """Return bit 0 of a parameter as manuals write it."""
+    """Return bit 0 of a parameter in the notation of manuals."""
     return f"{number}#0" + ("" if axis is None else f" A{axis}")
 
 
@@ -139,7 +141,7 @@ def _pitch_parameters(table: Table, profile: Profile, options: FanucOptions) -> 
 
 
 def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tuple[str, ...]:
-    """Return parameters and point data as they would be typed in at the control."""
+    """Return parameters and point data as text for typing in at the control."""
     needed = _parameters(table, profile, options)
     rows = [
         f"parameter {number}{'' if axis is None else f' A{axis}'} = {text}"

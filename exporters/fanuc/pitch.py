@@ -1,9 +1,10 @@
 """FANUC stored pitch error compensation: increments between numbered points.
 
 B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N and holds
-the addition when the axis passes it in +, also left of the reference; the value is output at the
-point, not interpolated. The value is added to the command, so A = -e. The absolute curve is
-quantised once and then differenced: increments rounded singly would add up their rounding errors.
+the value that is added when the axis passes the point in +, also left of the reference; the value
+is output at the point, not interpolated. The value is added to the command, so A = -e. The absolute
+curve is quantised once and then differenced: increments rounded separately would accumulate their
+rounding errors.
 """
 
 from dataclasses import dataclass, replace
@@ -37,14 +38,16 @@ class Points:
 
     @property
     def start(self) -> int:
-        """Return the number of the low end of the table, which holds no data: the section above it
-        is ``lowest``."""
+        """Return the number of the table's low end, which holds no data: the section above it is
+        ``lowest``.
+        """
         return self.lowest - 1
 
 
 def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str) -> Points:
-    """Return the point numbers of a grid. Raises ``SafetyError`` where the reference is no point of
-    it."""
+    """Return the point numbers of a grid. Raises ``SafetyError`` where the reference is not a point
+    of the axis.
+    """
     step = float(grid_mm[1] - grid_mm[0])
     below = (reference_mm - float(grid_mm[0])) / step
     if abs(below - round(below)) > 1e-6 or not 0 <= round(below) < len(grid_mm):

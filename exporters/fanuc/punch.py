@@ -4,8 +4,8 @@ Evidence: 31 machine dumps compared byte by byte (controllers.md 2.6). Blocks en
 file begins and ends with ``%``, there is no ``;``, ``+``, ``?`` or lower case. New generation
 (0i-D/F, 30i): ``N01825Q1A1P3000A2P3000``; old (16i/18i): ``N01825 A1 P 3000 A2 P 3000``. Pitch data
 are ``N(10000 + point)`` with a bare P. On new controls parameters have numbers above 10000 too and
-carry Q1: a line with Q1 is never pitch data. The text between N and P comes from the machine's own
-file and is never invented.
+carry Q1: a line with Q1 is never pitch data. The text between N and P is copied from the machine's
+own file and never invented.
 """
 
 import re
@@ -42,7 +42,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class PunchFile:
-    """A punch file of the machine, taken apart but byte for byte complete."""
+    """A punch file of the machine, split into blocks but complete to the byte."""
 
     name: str
     blocks: tuple[Block, ...]
@@ -92,8 +92,9 @@ class PunchFile:
 
 
 def read_punch(file: ControlFile) -> PunchFile:
-    """Return a punch file taken apart. Raises ``DataError`` for bytes that the control would not
-    read as they were meant."""
+    """Return a punch file split into blocks. Raises ``DataError`` for bytes that the control would
+    not read as intended.
+    """
     data = file.data
     if EOB not in data or re.search(rb"[\r\n]", data.replace(EOB, b"")):
         raise DataError(

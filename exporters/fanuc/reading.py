@@ -49,7 +49,7 @@ def read_tables(
 
 
 class _Reader:
-    """The memory of the control after the files have been read in."""
+    """The memory of the control after the files have been loaded."""
 
     def __init__(self, files: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> None:
         self._files = files
@@ -58,8 +58,9 @@ class _Reader:
         self._data = {point: value for file in files for point, value in file.pitch.items()}
 
     def pitch(self, letter: str) -> list[Table]:
-        """Return the pitch table of an axis, or one a direction; none where the files hold no point
-        of its range."""
+        """Return the pitch table of an axis, or one a direction; None where the files hold no point
+        of its range.
+        """
         axis = self._options.axis(letter, self._profile.source)
         lowest, highest = self._range(letter, axis)
         if self._interval_mm(letter, axis) <= 0 or not any(
@@ -82,8 +83,7 @@ class _Reader:
         return [forward, self._pitch_table(letter, position, first, -1, offset)]
 
     def _bidirectional(self, axis: AxisPoints, count: int) -> bool:
-        """Return whether an axis has a second table for travel in -: by its 3605#0, each axis for
-        itself.
+        """Return whether an axis has a second table for travel in -, by its own 3605#0.
 
         If no file holds this parameter, the profile decides, as far as there are data in the second
         range.
@@ -98,7 +98,7 @@ class _Reader:
         return asked and any(self._data.get(point) for point in range(first, first + count))
 
     def inclination(self, letter: str) -> list[Table]:
-        """Return the inclination compensation of an axis, where the files hold it."""
+        """Return the inclination compensation of an axis, if the files hold it."""
         number = self._options.axis(letter, self._profile.source).number
         keys = (*lines.INCLINATION_POINTS, *lines.INCLINATION_VALUES)
         if not self._options.axes[letter].inclination or self._find(keys[0], number) is None:
@@ -106,8 +106,9 @@ class _Reader:
         return [self._line_table(lines.INCLINATION, letter, letter, keys, number)]
 
     def straightness(self, name: str, numbers: StraightnessNumbers) -> list[Table]:
-        """Return the four-point straightness called ``name``, where the files hold it: a control
-        with the option and no table punches the four points as zeros."""
+        """Return the four-point straightness with the name ``name``, if the files hold it: a
+        control with the option but without a table punches the four points as zeros.
+        """
         keys = (*numbers.points, *numbers.values)
         if not any(self._find(key, None) not in (None, "0") for key in numbers.points):
             return []
@@ -215,8 +216,9 @@ class _Reader:
         return None
 
     def _number(self, number: int, axis: int | None, default: int | None, field: str = "") -> int:
-        """Return a parameter as a whole number: from the files, else the profile's ``default``,
-        which stands in ``field``."""
+        """Return a parameter as a whole number: from the files, or else the profile's ``default``
+        in ``field``.
+        """
         text = self._find(number, axis)
         where = f"{self._names}: parameter {number}{'' if axis is None else f' A{axis}'}"
         if text is None and default is not None:

@@ -2,11 +2,11 @@
 their contents.
 
 B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, four pitch points of
-the moving axis and the compensation there. The parameter numbers were in no manual that was seen;
-the numbers below are remembered. They are used only if the profile states the option
+the moving axis and the compensation there. No consulted manual states the parameter numbers; the
+numbers below are from memory. They are used only if the profile states the option
 (``straightness_option``) and the machine's own punched parameters hold all ten numbers of a set;
-otherwise the table is for the report. Such a control holds three sets, for the three functions
-of the largest effect, squareness included.
+otherwise only the report shows the table. Such a control holds three sets, used for the three
+functions with the largest effect, squareness included.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ SETS = tuple(
 
 
 def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
-    """Return the sets whose ten numbers stand in one of the files."""
+    """Return the sets whose ten numbers are in one of the files."""
     return tuple(
         one
         for one in SETS
@@ -46,8 +46,8 @@ def given_to(
     """Return the options with each set of the machine assigned to a function, the functions of the
     largest effect first; the profile's sets stay.
 
-    A function keeps its set in the machine's files, and a set of a function outside ``tables`` is
-    not taken from it.
+    A function keeps its set in the machine's files; a function outside ``tables`` keeps its set
+    too.
 
     Raises ``SafetyError`` (code ``template-missing.parameters``) if the profile states the option
     and no file shows it.
@@ -97,6 +97,6 @@ def _number(files: Sequence[PunchFile], key: int) -> int:
 
 
 def _worth_um(table: Table) -> float:
-    """Return the spread of what the four points bring along the axis."""
+    """Return the spread of the four points' values along the axis."""
     at = np.linspace(table.position_mm[0], table.position_mm[-1], 201)
     return float(np.std(np.interp(at, table.position_mm, table.value_um)))

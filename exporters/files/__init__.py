@@ -1,5 +1,5 @@
 """Sets of control files: names, numbers, lines, hashes.
 
-In: bytes and text. Out: files that are whole or absent. Imported by every room above; depends on no
-control.
+In: bytes and text. Out: files that are whole or absent. Imported by every room above; independent
+of all controls.
 """

@@ -13,8 +13,9 @@ from stepdiag.exporters.files.control_file import ControlFile
 
 MOST_LINES = 1_000_000
 LONGEST_LINE = 4096
-"""Limits of a file of lines: a lattice of a hundred points an axis has a million, none of them
-long."""
+"""Limits of a file of lines: a lattice of a hundred points an axis has a million lines, all of them
+short.
+"""
 _SHOWN = 60
 
 
@@ -26,7 +27,7 @@ def ascii_lines(lines: Iterable[str], newline: str = "\n") -> bytes:
 def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
     """Yield the place (``x.com: line 3``) and the text of every line, empty ones included.
 
-    Raises ``DataError`` for bytes that are no ASCII text.
+    Raises ``DataError`` for bytes that are not ASCII text.
     """
     try:
         text = file.data.decode("ascii")
@@ -66,10 +67,9 @@ def headed_lines(file: ControlFile, header: str) -> list[tuple[str, str]]:
 
 
 def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
-    """Return the numbers of a CSV under its header, shape (rows, columns); empty lines do not
-    count.
+    """Return the numbers of a CSV under its header, shape (rows, columns); empty lines are skipped.
 
-    Raises ``DataError`` with the place of another header, or of a line that is not ``expected``.
+    Raises ``DataError`` with the place, for another header or a line that is not as ``expected``.
     """
     lines = headed_lines(file, header)
     columns = len(header.split(","))
@@ -83,8 +83,8 @@ def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
 
 
 def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
-    """Raise ``DataError`` for a file of ours, recognised by ``mark``, that does not end with the
-    line ``end``: its rest is lost.
+    """Raise ``DataError`` for a file of this program, recognised by ``mark``, that does not end
+    with the line ``end``: its rest is lost.
     """
     if mark in file.data and not file.data.rstrip().endswith(end):
         raise DataError(
@@ -96,8 +96,9 @@ def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
 
 
 def finite(text: str, where: str) -> float:
-    """Return the number in ``text``. Raises ``DataError`` naming ``where`` for anything else,
-    infinity and NaN included."""
+    """Return the number in ``text``. Raises ``DataError`` with ``where``, for any other text,
+    infinity and NaN included.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -108,8 +109,9 @@ def finite(text: str, where: str) -> float:
 
 
 def whole(text: str, where: str) -> int:
-    """Return the whole number in ``text``. Raises ``DataError`` naming ``where`` for anything
-    else."""
+    """Return the whole number in ``text``. Raises ``DataError`` with ``where``, for any other
+    text.
+    """
     try:
         value = int(text)
     except ValueError as error:
@@ -120,5 +122,5 @@ def whole(text: str, where: str) -> int:
 
 
 def shown(text: str) -> str:
-    """Return what stands there, quoted and cut where it is long."""
+    """Return the text found, in quotes and shortened if it is long."""
     return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..")

@@ -19,5 +19,5 @@ def plain_name(name: str) -> str:
 
 
 def is_restore(name: str) -> bool:
-    """Return whether the file brings the control back to where it was."""
+    """Return whether the file restores the earlier state of the control."""
     return PurePath(name).stem.endswith(RESTORE)

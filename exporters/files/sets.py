@@ -1,9 +1,9 @@
-"""Sets of files: a folder with them and their SHA-256 appears whole or not at all, and is read
-whole or refused.
+"""Sets of files: a folder with its files and their SHA-256 is written completely or not at all, and
+is read completely or refused.
 
-A control with half of an export is worse off than a control without. So a set is written into a
-hidden folder beside its place, the restoring files before the changing files, put on the disk, and
-renamed once. `SHA256SUMS` then lists the members of the set.
+A control with half of an export is in a worse state than a control without any. So a set is written
+into a hidden folder beside its place, the restoring files before the changing files, synced to the
+disk, and renamed once. `SHA256SUMS` then lists the members of the set.
 """
 
 import hashlib
@@ -28,11 +28,11 @@ _LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})"
 
 
 def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
-    """Write ``files`` with their SHA-256 as a folder that is new or empty; return all names. An
-    equal set in the folder stays.
+    """Write ``files`` with their SHA-256 into a folder that is new or empty; return all names. An
+    equal set in the folder remains.
 
-    In any event, power loss included, the folder holds all or nothing, and of two writers a single
-    writer wins. Raises ``UsageError`` if the folder holds anything else, cannot be written, or two
+    In any event, power loss included, the folder holds all files or none, and of two writers only
+    one succeeds. Raises ``UsageError`` if the folder holds anything else, cannot be written, or two
     files have one name.
     """
     everything = (*files, sums_of(files))
@@ -58,9 +58,9 @@ def sums_of(files: Sequence[ControlFile]) -> ControlFile:
 def read_set(folder: Path) -> tuple[ControlFile, ...]:
     """Return the files of a set, ``SHA256SUMS`` last.
 
-    Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files that its list
-    names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs
-    of a broken write are no files.
+    Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files of its list,
+    with the bytes that were written, and ``DataError`` without a list; hidden remains of an
+    interrupted write are ignored.
     """
     wanted = listed(folder)
     present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
@@ -87,8 +87,8 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
 def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
     """Return the named files: the files of whole folders (`read_set`), and single files.
 
-    A single file in a set must be unchanged (``SafetyError``, code ``set-altered``), and the list
-    of a set stands for the whole set.
+    A single file of a set must be unchanged (``SafetyError``, code ``set-altered``); the list of a
+    set represents the whole set.
     """
     read: list[ControlFile] = []
     for path in paths:
@@ -105,8 +105,8 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
 
 
 def zip_of(folder: Path, *, restore: bool) -> bytes:
-    """Return a set as a zip without the files that restore the control, or these alone; its
-    ``SHA256SUMS`` covers its contents.
+    """Return a set as a zip, either without the files that restore the control or with these alone;
+    its ``SHA256SUMS`` covers its contents.
 
     The packed bytes are the bytes compared with the list: a set altered during the download is
     refused, with the SafetyError of `read_set`.
@@ -122,8 +122,8 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
 
 
 def listed(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 by name, from the folder's list. Raises DataError where there is none,
-    SafetyError for another text.
+    """Return the SHA-256 by name, from the folder's list. Raises DataError without a list,
+    SafetyError for a list with another text.
     """
     path = folder / SUMS
     if not path.is_file():
@@ -145,7 +145,7 @@ def listed(folder: Path) -> dict[str, str]:
 
 
 def whole(folder: Path) -> bool:
-    """Return whether a folder holds a set, complete and unaltered."""
+    """Return whether a folder holds a complete and unaltered set."""
     try:
         read_set(folder)
     except (SafetyError, DataError, UsageError, OSError):
@@ -186,7 +186,9 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
 
 
 def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
-    """Return whether the set is there already. Raises ``UsageError`` where something else is."""
+    """Return whether the folder already holds the set. Raises ``UsageError`` where the folder holds
+    other files.
+    """
     if not target.exists() or (target.is_dir() and not any(target.iterdir())):
         return False
     if target.is_dir() and all(holds(target / file.name, file.data) for file in files):
@@ -200,7 +202,7 @@ def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
 
 
 def _place(target: Path, files: Sequence[ControlFile]) -> None:
-    """Write the files beside the target and rename them there at once."""
+    """Write the files beside the target and move them there with one renaming."""
     with folder_made(target.parent), part_of(target) as part:
         for file in _restore_first(files):
             write_through(part / file.name, file.data)

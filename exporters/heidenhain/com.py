@@ -1,9 +1,8 @@
 """The text of Heidenhain .COM and .CMA tables: first line, heading, numbered rows, ``[END]``.
 
 KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds the columns C1 to C6 for the six
-errors of the axis that the table is along: displacements in X, Y, Z in mm, turns about X, Y, Z,
-here in degrees as ``Trans`` of the kinematics table has them (RECALLED: no page seen names the unit
-of the column).
+errors of the table's axis: displacements in X, Y, Z in mm, turns about X, Y, Z, here in degrees as
+for ``Trans`` of the kinematics table (from memory: no consulted page names the unit of the column).
 """
 
 import re
@@ -44,7 +43,7 @@ def file_name(axis: str, positions: bool) -> str:
 
 
 def axis_in(name: str, axes: Sequence[str]) -> str:
-    """Return the axis that a table's name ends with. Raises ``DataError``."""
+    """Return the axis at the end of a table's name. Raises ``DataError``."""
     stem = name.upper().removesuffix(".COM")
     for axis in axes:
         if stem.endswith((f"_{axis.upper()}", f"-{axis.upper()}")):
@@ -57,8 +56,8 @@ def render(
 ) -> ControlFile:
     """Return the .COM file of the tables of one input axis, which share a grid.
 
-    ``positions``: the newer form with a column AXISPOS; otherwise DATUM and DISTANCE stand in the
-    first line.
+    ``positions``: the newer form with a column AXISPOS; otherwise the first line holds DATUM and
+    DISTANCE.
     """
     name, grid = str(tables[0].place["file"]), tables[0].position_mm
     values = {
@@ -95,7 +94,7 @@ def render(
 
 
 def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[str]]:
-    """Return the texts of the columns C1 to C6 that the tables have."""
+    """Return the texts for those of the columns C1 to C6 that the tables contain."""
     cells: dict[str, list[str]] = {}
     for table in tables:
         if COLUMN not in table.place:
@@ -272,7 +271,7 @@ def _read(
 ) -> tuple[re.Match[str], list[str], list[tuple[str, list[str]]]]:
     """Return first line, column names, and the cells of each row with its place.
 
-    ``free_cells``: cells may be empty, so they are cut where the columns begin; otherwise at the
+    ``free_cells``: cells may be empty, so the columns are cut at their beginnings; otherwise at the
     blanks.
     """
     lines = [(at, line) for at, line in read_lines(file) if line.strip()]
@@ -310,8 +309,8 @@ def _cut(line: str, starts: Sequence[int]) -> list[str]:
 
 
 def _heading(columns: Sequence[str], ending: str, profile: Profile) -> str:
-    """Return the heading: the heading of the control's own file with the same columns, otherwise
-    with assumed widths.
+    """Return the heading: from the control's own file if it has the same columns, otherwise with
+    assumed widths.
     """
     for file in profile.existing:
         if file.name.upper().endswith(ending):

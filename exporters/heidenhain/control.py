@@ -2,15 +2,16 @@
 generations.
 
 MANUALplus 620 technical manual pp. 716, 718 (TNC 640 alike), TNC 407 technical manual pp. 153, 622:
-the column Z of the table that the .CMA names under Y holds Z = F(Y), so straightness and squareness
-stand beside the positioning errors. Newer controls have the position in each row (``AXISPOS``),
-older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error: MP720 calls an
-error positive when the table travels too far (TNC 407 p. 151); no page states it for .COM, so a
-sign test is due. Column widths are those of the control's own file if the profile names it.
+the column Z of the table that the .CMA names under Y holds Z = F(Y), so the columns beside the
+positioning errors hold straightness and squareness. Newer controls have the position in each row
+(``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error:
+MP720 calls an error positive when the table travels too far (TNC 407 p. 151). No page states the
+sense for .COM, so a sign test is necessary. Column widths are those of the control's own file if
+the profile names it.
 
-KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the errors of an
-axis other than its positioning stand in the columns C1 to C6 of its table, and five rows before its
-``MachAxis`` in the kinematics table let them act, turns with their levers.
+KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the columns C1 to
+C6 of an axis' table hold its errors other than positioning, and five rows before its ``MachAxis``
+in the kinematics table activate them, turns with their levers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,7 +55,7 @@ _QUANTUM_URAD = 1e6 * np.pi / 180.0 * 10.0**-com.DEGREE_DECIMALS
 
 
 class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[heidenhain]``: the generation of the control and the places of a written value."""
+    """``[heidenhain]``: the generation of the control and the decimal places of a value."""
 
     generation: Generation
     chain: str | None = None
@@ -88,17 +89,17 @@ class Heidenhain:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> HeidenhainOptions:
-        """Return the options of a quick look: the newer generation."""
+        """Return the options of a provisional export: the newer generation."""
         return HeidenhainOptions(generation="tnc640")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same for every table
-        """Return the limits of the older controls; for the newer none are public."""
+        """Return the limits of the older controls; those of the newer are not public."""
         if profile.options_as(HeidenhainOptions).generation == "tnc640":
             return Limits()
         return Limits(points=_MOST_POINTS, neighbour_um_mm=_NEIGHBOUR_UM_MM, slope_um_mm=None)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return a table per curve: the mean of both directions, for the sense of the BACKLASH
+        """Return a table per curve, the mean of both directions, because the sense of the BACKLASH
         column is not public.
         """
         tables = [table for curve in curves for table in _curve_tables(curve, profile)]
@@ -109,8 +110,9 @@ class Heidenhain:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the same, and with ``chain`` the angles beside them, in the columns of
-        KinematicsComp."""
+        """Return the tables, and with ``chain`` also the angles, in the columns of
+        KinematicsComp.
+        """
         levers = _levers(profile)
         if levers is None:
             return self.plan(curves, profile)
@@ -133,8 +135,9 @@ class Heidenhain:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into
-        a note beside them."""
+        """Return the .COM files and the .CMA file; neither can hold a comment, so a note beside
+        them holds the ``notes``.
+        """
         named = _called(profile) | {
             profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables
         }
@@ -169,8 +172,8 @@ class Heidenhain:
         )
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables called by the active line of the .CMA file; without a line, each .COM
-        belongs to the axis in its name.
+        """Return the tables called by the active line of the .CMA file; without a line, the axis in
+        the name of each .COM file.
         """
         coms = [file for file in files if file.name.upper().endswith(".COM")]
         tables_of = {plain_name(file.name).upper(): file for file in coms}
@@ -222,7 +225,7 @@ class Heidenhain:
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
         """Return the tables called by the last .CMA file, each .COM table in its last copy; the
-        control decides which .CMA acts.
+        control decides which .CMA is active.
         """
         called = [
             file for files in (own, new) for file in files if file.name.upper().endswith(".CMA")
@@ -231,8 +234,8 @@ class Heidenhain:
         return self.parse([*tables, *called], profile) if tables else ()
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own tables and assignment; without an assignment, an assignment that calls the
-        own tables and zeros in place of the new.
+        """Return the own tables and assignment; without an own assignment, one that calls the own
+        tables, with zeros in place of the new tables.
         """
         if any(file.name.upper().endswith(".CMA") for file in profile.existing):
             return profile.existing
@@ -312,8 +315,8 @@ class Heidenhain:
 
 
 def _levers(profile: Profile) -> Vector | None:
-    """Return the levers of the angles in KinematicsComp: of the parts carried by the rows before an
-    axis, so never its own travel.
+    """Return the levers of the angles in KinematicsComp: of the parts that the rows before an axis
+    carry, so never its own travel.
 
     Raises ``UsageError`` for a chain on a control without a public form of KinematicsComp.
     """
@@ -332,7 +335,7 @@ def _levers(profile: Profile) -> Vector | None:
 
 def _called(profile: Profile) -> dict[str, str]:
     """Return the own table of each axis, called by the own .CMA file or named after the axis:
-    tables outside the export stay called.
+    tables outside the export remain called.
     """
     assignments = [file for file in profile.existing if file.name.upper().endswith(".CMA")]
     if assignments:
@@ -350,8 +353,9 @@ def _place(input_axis: str, profile: Profile) -> dict[str, int | str]:
 
 
 def _curve_tables(curve: Curve, profile: Profile) -> tuple[Table, ...]:
-    """Return the table of a curve; with KinematicsComp a straightness stands in the column of its
-    direction."""
+    """Return the table of a curve; with KinematicsComp the column of its direction holds a
+    straightness.
+    """
     options = profile.options_as(HeidenhainOptions)
     quantum_um, place, kind = (
         1000.0 * 10.0**-options.decimals,
@@ -366,8 +370,9 @@ def _curve_tables(curve: Curve, profile: Profile) -> tuple[Table, ...]:
 
 
 def _kinematics_lines(tables: Sequence[Table], profile: Profile) -> Iterator[str]:
-    """Yield the rows of the kinematics table that let the columns act, with what is known of them
-    and what is not."""
+    """Yield the rows of the kinematics table that activate the columns, with the known and the
+    unknown facts about them.
+    """
     chain = parse_chain(str(profile.options_as(HeidenhainOptions).chain))
     yield (
         "# KinematicsComp, iTNC 530: rows for the kinematics table, columns NR DOC KEY AXIS "

@@ -1,10 +1,10 @@
 """LinuxCNC: one COMP_FILE of type 0 per axis, and the squareness as coefficients of ``matrixkins``.
 
 Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A
-row of type 0 is ``nominal forward-actual reverse-actual``: positions as they really are, so there
-is no sign to get wrong. The first line that does not give three numbers silently ends the file: no
-comments. At most 256 rows, nominal rising. Linear between rows, ends held, in joint space after the
-kinematics. There is no table for straightness: what remains of it stands in a finding.
+row of type 0 is ``nominal forward-actual reverse-actual``, with real positions, so that no sign can
+be wrong. The first line that does not give three numbers silently ends the file: no comments. At
+most 256 rows, nominal rising. Linear between rows, ends held, in joint space after the kinematics.
+The control has no table for straightness: a finding names the rest of it.
 """
 
 import re
@@ -49,7 +49,7 @@ _SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P
 
 
 class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[linuxcnc]``: which joints drive each axis, and the places of a correction."""
+    """``[linuxcnc]``: the joints of each axis, and the decimal places of a correction."""
 
     joints: dict[str, list[int]]
     way: Literal["screw", "kinematics"] = "screw"
@@ -81,13 +81,15 @@ class LinuxCnc:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> LinuxCncOptions:
-        """Return the options of a quick look: joints 0, 1, 2 for X, Y, Z, as ``trivkins
-        coordinates=XYZ`` gives them."""
+        """Return the options of a provisional export: joints 0, 1, 2 for X, Y, Z, as with
+        ``trivkins coordinates=XYZ``.
+        """
         return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the size of the table, and what it holds in place of BACKLASH; the control checks
-        neither value nor slope."""
+        """Return the size of the table, and the value that it holds in place of BACKLASH; the
+        control checks neither value nor slope.
+        """
         if table.kind != SCREW:
             return Limits()
         return Limits(
@@ -131,8 +133,8 @@ class LinuxCnc:
         )
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions with the partner of each that holds a squareness: a coefficient
-        turns by the lines of both.
+        """Return the functions, each with its partner for a squareness: the lines of both determine
+        the turn of a coefficient.
         """
         partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
         return tuple(name for name in FUNCTIONS if name in partners or name in names)
@@ -187,8 +189,9 @@ class LinuxCnc:
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros
-        would still switch BACKLASH off."""
+        """Return the own files, and the lines to remove from the INI file: a COMP_FILE of zeros
+        would still disable BACKLASH.
+        """
         before = self._naming(profile)
         written = [file for file in self.render(tables, profile) if file.role == "data"]
         notes = unless_named(before, profile.machine.measured_with)
@@ -200,8 +203,9 @@ class LinuxCnc:
         files: Sequence[ControlFile] | None = None,
         over: Naming | None = None,
     ) -> Naming:
-        """Return what the INI file names, for the machine's own files or for new ones over
-        those."""
+        """Return the files named in the INI file, for the machine's own files or for new ones over
+        those.
+        """
         joints, inch = profile.options_as(LinuxCncOptions).joints, profile.machine.units == "inch"
         return named_by(
             profile.existing if files is None else files,
@@ -212,7 +216,7 @@ class LinuxCnc:
         )
 
     def _active(self, profile: Profile) -> tuple[Table, ...]:
-        """Return the screw tables that acted while measuring."""
+        """Return the screw tables active during the measurement."""
         if profile.machine.measured_with == "off" or not profile.existing:
             return ()
         return tuple(
@@ -303,12 +307,12 @@ def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
 
 
 def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple[float, float]:
-    """Return the contents of the forward and the reverse column of an axis beside the measured
-    error, as errors in um.
+    """Return the contents of the forward and the reverse column of an axis in addition to the
+    measured error, as errors in um.
 
-    control.c adds half of BACKLASH when moving in + and takes half off when moving in -, but
-    nothing at all with a COMP_FILE: an error measured with an active BACKLASH needs it in the
-    columns. If a COMP_FILE was active, its own offset at the reference stays.
+    control.c adds half of BACKLASH in + and subtracts half in -, but adds nothing with a COMP_FILE:
+    so an error measured with an active BACKLASH needs it in the columns. If a COMP_FILE was active,
+    its own offset at the reference remains.
     """
     old = [table for table in active if table.input_axis == letter and table.direction >= 0]
     if old:
@@ -354,9 +358,9 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
     """Return the squareness of two axes as a coefficient; it is zero at the machine zero, not at
     the reference.
 
-    A coefficient can turn an axis against another and nothing else. Over the volume the straight
-    lines that fit both curves of the pair are the best turn, not the line through the ends of the
-    curve with the squareness.
+    A coefficient turns one axis against another and has no other effect. Over the volume, the
+    straight lines that fit both curves of the pair give the best turn, not the line through the
+    ends of the curve with the squareness.
     """
     slope = (
         straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)
@@ -368,8 +372,9 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
 
 
 def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the other curve of a pair of axes, where the coefficient is to be found anew: an old
-    one holds both of them already."""
+    """Return the other curve of a pair of axes for a new coefficient: an old one already contains
+    both curves.
+    """
     pair = [
         each
         for each in curves
@@ -408,8 +413,9 @@ def _coefficient_line(table: Table) -> str:
 
 
 def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
-    """Return the rows; nominal and actual are written to the same places, so that their difference
-    is the value itself."""
+    """Return the rows; nominal and actual have the same number of places, so that their difference
+    is the value itself.
+    """
     unit = unit_mm(profile)
     forward = next(table for table in tables if table.direction >= 0)
     reverse = next(table for table in tables if table.direction <= 0)
@@ -457,8 +463,7 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
-    """Yield the rows; a line that the control would take for the end of the file is refused
-    instead."""
+    """Yield the rows; a line that the control would read as the end of the file is refused."""
     last = -np.inf
     for where, line in read_lines(file):
         row = _three_numbers(line)
@@ -490,8 +495,8 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
 
 
 def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
-    """Return the coefficients of a HAL file, each over the travel of its multiplied axis: limits
-    judge its size there.
+    """Return the coefficients of a HAL file, each over the travel of its multiplied axis, where
+    limits judge its size.
     """
     tables = []
     for where, raw in read_lines(file):

@@ -1,5 +1,6 @@
-"""The lines of LinuxCNC's INI file that make files act: what an export puts in and takes out, and
-the way back."""
+"""The lines of LinuxCNC's INI file that activate files: the lines that an export adds and removes,
+and the reverse.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,8 +33,8 @@ Joints = Mapping[str, Sequence[int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Naming:
-    """Names in an INI file: the COMP_FILE of each joint, our kinematics with its arguments, its HAL
-    file.
+    """Names in an INI file: the COMP_FILE of each joint, this program's kinematics with its
+    arguments, its HAL file.
 
     ``limits`` are the software limits of each joint in the machine's unit, if an export changes
     them.
@@ -90,8 +91,8 @@ def named_by(
     source: str,
     over: Naming | None = None,
 ) -> Naming:
-    """Return what the INI file names when ``files`` act, ``over`` what it named before; a lattice
-    takes the place of everything.
+    """Return the names in the INI file while ``files`` are active, ``over`` the earlier names; a
+    lattice replaces all of them.
 
     Raises ``UsageError`` for an axis without joints in the file.
     """
@@ -124,8 +125,8 @@ def named_by(
 
 
 def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return the lines that bring an INI file from a naming to another: plain lines if nothing has
-    to go out of it.
+    """Return the lines that change an INI file from one naming to another: plain lines if no line
+    has to be removed.
     """
     old, new = before.lines(), after.lines()
     rows = (
@@ -139,20 +140,21 @@ def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlF
 
 
 def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return the lines that bring the INI file from ``after`` back to ``before``."""
+    """Return the lines that change the INI file from ``after`` back to ``before``."""
     rows = [*_BACK, *(f"# {note}" for note in notes), *_changed(after, before)]
     return ControlFile(name=NAME, data=ascii_lines(rows), role="note")
 
 
 def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
-    """Return the note on COMP_FILEs of the machine's own that were off while measuring: the INI
-    file may not have named them."""
+    """Return the note on the machine's own COMP_FILEs that were inactive during the measurement:
+    the INI file may not have named them.
+    """
     return (UNLESS_NAMED,) if before.comp and measured_with == "off" else ()
 
 
 def _changed(before: Naming, after: Naming) -> Iterator[str]:
-    """Yield the lines to remove and to add, section by section; foreign kinematics come back by
-    their own words.
+    """Yield the lines to remove and to add, section by section; foreign kinematics are restored
+    with their original words.
     """
     old, new = before.lines(), after.lines()
     new += [_AS_BEFORE] if before.kinematics and not after.kinematics else []

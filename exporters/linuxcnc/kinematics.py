@@ -1,11 +1,11 @@
-"""LinuxCNC: the whole error field through a kinematics component of ours, which reads the lattice
-when the control starts.
+"""LinuxCNC: the whole error field through a kinematics component of this program, which reads the
+lattice when the control starts.
 
-LinuxCNC has no volumetric compensation; a kinematics module is the place for it, because only this
-module sees all axes at once. ``stepdiagkins.c`` stands in for ``trivkins``: built on the control
-with ``halcompile`` (package linuxcnc-uspace-dev). Its effect on the joints is in its source, so its
-sense is known and needs no sign test. The lattice holds the mean of both directions: reversal is
-left to ``BACKLASH``, which a COMP_FILE would switch off.
+LinuxCNC has no volumetric compensation; a kinematics module can provide it, because only this
+module processes all axes at once. ``stepdiagkins.c`` replaces ``trivkins``: built on the control
+with ``halcompile`` (package linuxcnc-uspace-dev). Its source states its effect on the joints, so
+its sense is known and needs no sign test. The lattice holds the mean of both directions: reversal
+is left to ``BACKLASH``, which a COMP_FILE would switch off.
 
 LinuxCNC compares the limits of an axis ([AXIS_L]) with its command and the limits of a joint
 ([JOINT_n]) with the output of the kinematics: at the ends of the travel the joint stands beyond the
@@ -40,14 +40,14 @@ from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
 
 MOST_VERTICES = 65536
-"""As many as the component has room for."""
+"""Largest number of vertices that the component can store."""
 SOURCE = "stepdiagkins.c"
 HAL = COMPONENT_HAL
 TITLE = "LinuxCNC (kinematics component with a lattice over the volume)"
 
 
 def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
-    """Raise ``SafetyError`` for a lattice on these axes that the component has no room for."""
+    """Raise ``SafetyError`` for a lattice on these axes that is too large for the component."""
     vertices = math.prod(len(axis) for axis in axes_mm)
     if vertices > MOST_VERTICES:
         raise SafetyError(
@@ -63,9 +63,9 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
     """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as
     a note.
 
-    The lines take out of it what the machine's own files are named by: COMP_FILEs and coefficients
-    would act beside the lattice. They widen the limits of the joints. Raises ``UsageError`` for
-    joints that have a gap.
+    The lines remove the names of the machine's own files: COMP_FILEs and coefficients would act in
+    addition to the lattice. They widen the limits of the joints. Raises ``UsageError`` for joint
+    numbers with a gap.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
@@ -85,8 +85,9 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
 
 
 def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
-    """Return what takes the lattice out again: the own files, the lines of the INI file, and zeros
-    where no lattice was there before."""
+    """Return the files that remove the lattice again: the own files, the lines of the INI file, and
+    zeros if there was no lattice before.
+    """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
     had_lattice = any(map(lattice.recognises, profile.existing))
@@ -103,8 +104,9 @@ def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
 
 
 def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
-    """Yield the axes whose joint would leave the travel while the axis is still inside the lattice,
-    which the travel has no room for."""
+    """Yield the axes whose joint would leave the travel while the axis is still inside the
+    lattice.
+    """
     for index, (letter, at) in enumerate(zip("XYZ", held.axes_mm, strict=True)):
         travel = profile.axis(letter).travel_mm
         if travel is None:
@@ -125,8 +127,7 @@ def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
-    """Return what the INI file names for these files, with the limits that its joints have beside
-    them."""
+    """Return the names in the INI file for these files, with the limits of its joints."""
     named = named_by(files, joints, inch=profile.machine.units == "inch", source=profile.source)
     held = next((lattice.parse(file) for file in files if lattice.recognises(file)), None)
     return replace(named, limits=_limits(held, profile, joints))
@@ -150,8 +151,7 @@ def _limits(
 
 
 def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterator[str]:
-    """Yield by how much the limits of a joint move, where the profile states no travel to move them
-    from."""
+    """Yield the shift of the joint limits, if the profile states no travel."""
     for index, letter in enumerate("XYZ"):
         if profile.axis(letter).travel_mm is None:
             names = ", ".join(f"[JOINT_{joint}]" for joint in joints.get(letter, ()))

@@ -5,8 +5,8 @@
     /usr/bin/python3 load_comp.py MACHINE.ini --restore
 
 Nothing is written unless each COMP_FILE that the INI file names holds the rows of the machine's own
-file, which lies here as _RESTORE, or the rows of the new file. The INI file as it was is kept once
-as MACHINE.ini.before. Lines outside [JOINT_n] stay for a person. LinuxCNC reads these files at its
+file, included here as _RESTORE, or the rows of the new file. The original INI file is kept once as
+MACHINE.ini.before. Lines outside [JOINT_n] are left to a person. LinuxCNC reads these files at its
 start. The script needs only the control's own Python.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 KEYS = ("COMP_FILE", "COMP_FILE_TYPE")
 NOT_NAMED = "neither goes out nor comes back"
-"""Words of ini_lines.txt where the old tables were off: the INI file need not name them."""
+"""Words of ini_lines.txt if the old tables were inactive: the INI file need not name them."""
 Rows = list[tuple[float, ...]]
 Settings = dict[tuple[str, str], str]
 """Value by section and key."""
@@ -25,7 +25,8 @@ Settings = dict[tuple[str, str], str]
 
 def rows(path: Path) -> Rows:
     """Return the rows of a COMP_FILE as the control reads them: the first line without three
-    numbers ends the file. No rows where there is no file."""
+    numbers ends the file. Return no rows without a file.
+    """
     found: Rows = []
     if path.is_file():
         for line in path.read_text(encoding="ascii", errors="replace").splitlines():
@@ -44,8 +45,9 @@ def restoring(name: str) -> str:
 
 
 def settings(text: str) -> Iterator[tuple[str, str, str]]:
-    """Yield section, key and value of an INI file, or of the lines for it: there a key keeps its
-    sign."""
+    """Yield section, key and value of an INI file, or of the lines for it, where a key keeps its
+    sign.
+    """
     section = ""
     for line in (each.strip() for each in text.splitlines()):
         if line.startswith("["):
@@ -56,7 +58,7 @@ def settings(text: str) -> Iterator[tuple[str, str, str]]:
 
 
 def changes(text: str) -> tuple[Settings, Settings]:
-    """Return what goes out of the INI file and what goes into it, of the joints alone."""
+    """Return the lines to remove from the INI file and the lines to add, of the joints alone."""
     out: Settings = {}
     into: Settings = {}
     for section, signed, value in settings(text):
@@ -67,8 +69,9 @@ def changes(text: str) -> tuple[Settings, Settings]:
 
 
 def refusals(ini: Path, folder: Path, text: str) -> Iterator[str]:
-    """Yield the reasons not to load: whatever the configuration holds otherwise than the export
-    takes for held."""
+    """Yield the reasons not to load: every difference between the configuration and the contents
+    that the export assumes.
+    """
     if not text:
         yield "no ini_lines.txt in this folder: make the sign test first, then export again"
     held = {(section, key): value for section, key, value in settings(ini.read_text("utf-8"))}
@@ -109,7 +112,7 @@ def changed(text: str, out: Settings, into: Settings) -> str:
 
 
 def main(words: list[str]) -> int:
-    """Load, or restore; 1 where nothing is written."""
+    """Load, or restore; return 1 if nothing is written."""
     folder, ini, back = Path(__file__).parent, Path(words[0]), "--restore" in words
     lines = folder / f"ini_lines{'_RESTORE' if back else ''}.txt"
     text = lines.read_text(encoding="ascii") if lines.is_file() else ""

@@ -1,5 +1,5 @@
 """Reading the numbers back from a running LinuxCNC: a program that stops at every row from both
-sides, and a reader of HAL beside it; and the script that loads the COMP_FILEs.
+sides, and a reader of HAL; and the script that loads the COMP_FILEs.
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,16 @@ _BEYOND = 1.0
 sides.
 """
 _DWELL_S = 0.5
-"""The reader takes a stop that has lasted 0.25 s; the control lets an offset come in by half of the
-joint's acceleration."""
+"""The reader accepts a stop that has lasted 0.25 s; the control applies an offset with half of the
+joint's acceleration.
+"""
 _FEED_MM_MIN = 6000
 
 
 def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFile, ...]:
-    """Return program and reader for the tables of screws, and the loader that compares what the
-    configuration holds; nothing without tables."""
+    """Return program and reader for the tables of screws, and the loader that compares the contents
+    of the configuration; none without tables.
+    """
     if not screws:
         return ()
     lines = [

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""stepdiag_back: what LinuxCNC adds at every row of its COMP_FILEs, read from HAL while
+"""stepdiag_back: the values that LinuxCNC adds at every row of its COMP_FILEs, read from HAL while
 READ_BACK.ngc drives, written as COMP_FILEs.
 
     /usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp
 
 Each pair is a joint and its COMP_FILE; held_screw_x.comp beside this file has the same rows with
-the active values. A row without a stop of the axes from both sides is named, and its file is not
+the active values. A row without a stop of the axes from both sides is reported, and its file is not
 written (exit code 1). The script needs only the control's own Python.
 """
 
@@ -22,8 +22,8 @@ units of the machine.
 
 
 class Reader:
-    """The rows of each joint, and the addition at each row coming from below (+1) and from above
-    (-1).
+    """The rows of each joint, and the added value at each row, approached from below (+1) and from
+    above (-1).
     """
 
     def __init__(self, rows: dict[int, list[float]]) -> None:
@@ -36,7 +36,7 @@ class Reader:
 
     @property
     def missing(self) -> list[tuple[int, float, int]]:
-        """Return joint, position and way of every row that is not read."""
+        """Return joint, position and direction of every row that is not read."""
         return [
             (joint, at, way)
             for joint, rows in self.rows.items()
@@ -46,8 +46,9 @@ class Reader:
         ]
 
     def see(self, now_s: float, commanded: dict[int, float], added: dict[int, float]) -> None:
-        """Take what the joints are commanded to and what is added there; a stop counts once it has
-        lasted."""
+        """Record the commanded positions of the joints and the added values; a stop counts after it
+        has lasted.
+        """
         if any(abs(commanded[joint] - self._last.get(joint, 1e300)) > STIR for joint in commanded):
             self._last, self._still_since, self._taken = dict(commanded), now_s, False
         if self._taken or self._still_since is None or now_s - self._still_since < STILL_S:
@@ -62,14 +63,14 @@ class Reader:
         self._stop = dict(commanded)
 
     def lines(self, joint: int) -> Iterator[str]:
-        """Yield the rows of a COMP_FILE of type 0 that adds what was read."""
+        """Yield the rows of a COMP_FILE of type 0 with the added values read."""
         for index, at in enumerate(self.rows[joint]):
             forward, reverse = (at - self.added[joint][index, way] for way in (1, -1))
             yield f"{at:.6f} {forward:.6f} {reverse:.6f}"
 
 
 def main(words: list[str]) -> int:
-    """Watch the control until every row is read, or nothing has moved for a minute."""
+    """Watch the control until every row is read, or no axis has moved for a minute."""
     import hal
 
     joints = [int(word) for word in words[::2]]

@@ -2,13 +2,11 @@
 parameters to be keyed in.
 
 C64 and E68 manuals (pp. 280, 379): for each pair of base and compensated axis (#4001, #4002, the
-next pair 10 higher) the division
-numbers of the reference, the lowest and the highest point (#4003 to #4005), a scale (#4006), the
-interval (#4007), and data #4101 to
-#5124 of -128 to 127. The data are increments of what is added, read in the + direction: above the
-reference number n holds the section
-n-1 to n, below it the section n to n+1. Their unit is the output unit times the scale. No transfer
-format is public.
+next pair 10 higher) the division numbers of the reference, the lowest and the highest point (#4003
+to #4005), a scale (#4006), the interval (#4007), and data #4101 to #5124 of -128 to 127. The data
+are increments of the added value, read in the + direction: above the reference, number n holds the
+section n-1 to n; below it, the section n to n+1. Their unit is the output unit times the scale. No
+transfer format is public.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,8 +33,8 @@ from stepdiag.exporters.tables.tables import Law, Table, require_rising
 
 KIND = "relative"
 _MARK, _END = b"lowest point at", b"; end"
-"""Comment of our lists for each pair, and their last line: keyed parameters have no end of their
-own.
+"""Comment of this program's lists for each pair, and their last line: typed parameters have no end
+mark.
 """
 _NAME = "mitsubishi_parameters.txt"
 _FIRST_DATA, _LAST_DATA = 4101, 5124
@@ -46,7 +44,9 @@ _HEAD = ("pinc", "cmpax", "drcax", "rdvno", "mdvno", "pdvno", "sc", "spcdv")
 
 
 class MitsubishiOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[mitsubishi]``: the unit of the data, how they count, and the first free data number."""
+    """``[mitsubishi]``: the unit of the data, the way of counting them, and the first free data
+    number.
+    """
 
     output_unit_um: Annotated[float, msgspec.Meta(ge=0.001, le=1000)]
     data: Literal["incremental", "absolute"]
@@ -75,11 +75,11 @@ class Mitsubishi:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> MitsubishiOptions:
-        """Return the options of a quick look: increments of half a micron."""
+        """Return the options of a provisional export: increments of half a micron."""
         return MitsubishiOptions(output_unit_um=0.5, data="incremental")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
-        """Return what -128 to 127 units allow."""
+        """Return the range of -128 to 127 units."""
         most = _MOST * table.quantum_um
         return (
             Limits(neighbour_um=most, slope_um_mm=None)
@@ -124,8 +124,9 @@ class Mitsubishi:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables in the parameters of the control: every number keeps what was keyed in
-        last, the data of any pair included."""
+        """Return the tables in the parameters of the control: every number keeps its last typed
+        value, including the data of any pair.
+        """
         values = {number: value for file in (*own, *new) for number, value in _values(file).items()}
         return (
             tuple(_pairs(", ".join(file.name for file in (*own, *new)), values, profile))
@@ -148,7 +149,7 @@ class Mitsubishi:
         return b"#4000 " in file.data and b"#4001 " in file.data
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the parameters as they are keyed in."""
+        """Return the parameters as text for typing in."""
         return tuple(_lines(table, profile))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
@@ -205,8 +206,9 @@ def _data_numbers(table: Table) -> range:
 
 
 def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile) -> None:
-    """Refuse a new pair over data of an own pair of another number: keyed back, they would act for
-    both."""
+    """Refuse a new pair whose data numbers overlap those of an own pair with another number: after
+    the own data are typed back, they would be active for both pairs.
+    """
     pairs = {table.place["pair"] for table in own}
     for table in new:
         if table.place["pair"] in pairs:
@@ -284,13 +286,13 @@ def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
 
 
 class _Value(NamedTuple):
-    """A written parameter: its text and its place."""
+    """A written parameter: its text, and its place in the file."""
 
     text: str
     where: str
 
     def whole(self) -> int:
-        """Return the whole number. Raises ``DataError`` for anything else."""
+        """Return the whole number. Raises ``DataError`` for any other text."""
         return whole(self.text, self.where)
 
 

@@ -1,9 +1,9 @@
-"""Curves as CSV for anything that is not a controller of the registry: the error itself, in um, in
-machine coordinates.
+"""Curves as CSV for any control that is not in the registry: the error itself, in um, in machine
+coordinates.
 
-The one form without a control's law: the numbers are ``e = actual - commanded`` relative to the
-reference position. Read back, they are applied as error, which is what a person who types them into
-a control has to bring about.
+The only form without a control's law: the numbers are ``e = actual - commanded`` relative to the
+reference position. Read back, they are applied as an error; a person who types them into a control
+must ensure this effect.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _DECIMALS = 3
 
 
 class NeutralOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[neutral]``: nothing to choose."""
+    """``[neutral]``: a section without settings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Neutral:
     options_template: str = "[neutral]                     # nothing to choose\n"
 
     def quick_options(self) -> NeutralOptions:
-        """Return the only options there are."""
+        """Return the options, which have no settings."""
         return NeutralOptions()
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
@@ -83,7 +83,7 @@ class Neutral:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the curves of the later file: they stand for a compensation as a whole."""
+        """Return the curves of the later file: they represent a whole compensation."""
         return self.parse(new or own, profile)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - part of the protocol

@@ -1,12 +1,12 @@
-"""Etalon Exchange: all functions of a result as text, a way into other software for volumetric
-compensation and back.
+"""Etalon Exchange: all functions of a result as text, for exchange with other software for
+volumetric compensation.
 
 TF5280, 296430091 of infosys.beckhoff.com and the same page of isg-stuttgart.de: a block begins with
 the ISO 230-1 name in square brackets, a position error has ``VALUE = number``, a function
 ``Gridpoints = { position value .. }``, ``//`` begins a comment; lengths in mm, angles in rad
-(296426379). The format lacks the point from which the lever of an angle counts: here it is the zero
-of the axes, as a control counts, so the displacements are shifted by the levers of the measured
-corner. The format also lacks the chain, which is asked for.
+(296426379). The format lacks the point from which the lever of an angle counts. Here it is the zero
+of the axes, as in a control, so the displacements are shifted by the levers of the measured corner.
+The format also lacks the chain, which the command asks for.
 """
 
 import re
@@ -37,7 +37,7 @@ _BLOCK = re.compile(r"^\[([A-Z0-9]{3})\]\Z")
 _VALUE = re.compile(r"^VALUE\s*=\s*(\S+)\Z")
 _BEGIN = re.compile(r"^Gridpoints\s*=\s*\{\Z")
 _DECIMALS = 9
-"""A nanoradian, a picometre: as many as a file for a control may have."""
+"""A nanoradian, a picometre: the largest number of decimal places in a file for a control."""
 
 
 def render(result: Result) -> ControlFile:
@@ -72,8 +72,9 @@ def render(result: Result) -> ControlFile:
 
 
 def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector:
-    """Return what the angles of an axis do to one displacement function by the lever of the
-    measured corner, in um at its positions."""
+    """Return the effect of an axis' angles on one displacement function by the lever of the
+    measured corner, in um at its positions.
+    """
     axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
     at = result.errors[name].position_mm
     turns = np.column_stack([_at(result.errors.get(f"E{turn}{name[2]}"), at) for turn in "ABC"])
@@ -94,9 +95,9 @@ def parse(file: ControlFile, chain: str) -> Result:
     """Return the result in a file, for a machine of this chain, with functions and squareness as
     contract 4 has them.
 
-    The volume follows from the three positioning functions. Slopes of the functions go into the
-    squareness, angles count from their first position. Raises ``DataError`` with the line for any
-    other file, ``UsageError`` for a wrong chain.
+    The volume follows from the three positioning functions. The squareness receives the slopes of
+    the functions, and angles count from their first position. Raises ``DataError`` with the line
+    for any other file, ``UsageError`` for a wrong chain.
     """
     mask = abbe_mask(chain)
     values, functions = _read(file)
@@ -154,7 +155,8 @@ def parse(file: ControlFile, chain: str) -> Result:
 
 def _function(at: Vector, value_um: Vector, *, straight: bool) -> tuple[Function, float]:
     """Return a displacement function from zero, and the slope in um per mm that a straightness
-    function gives away."""
+    function loses.
+    """
     value = value_um - value_um[0]
     slope = float(value[-1] / (at[-1] - at[0])) if straight else 0.0
     return Function(position_mm=at, value=value - slope * (at - at[0]), u=None, unit="um"), slope
@@ -167,8 +169,9 @@ def _unknown(volume: Volume, name: str) -> Function:
 
 
 def _squareness(values: Mapping[str, float], linear: Vector) -> dict[str, Quantity]:
-    """Return the squarenesses: as written, and what the two linear displacements of each pair of
-    axes add (contract 1)."""
+    """Return the squarenesses: as written, plus the contribution of the two linear displacements of
+    each pair of axes (contract 1).
+    """
     pairs = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
     return {
         name: Quantity(

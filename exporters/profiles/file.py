@@ -1,4 +1,4 @@
-"""From a profile file to a validated `Profile`, and the stand-in for a quick look.
+"""From a profile file to a validated `Profile`, and the stand-in for a provisional export.
 
 The files named by the profile (the machine's own tables and punch files) are read with it.
 """
@@ -145,8 +145,9 @@ def quick_profile(
 
 
 def _refuse_unknown_sections(tables: dict[str, Any], controller: Controller, source: str) -> None:
-    """Refuse a foreign top-level table by the nearest name; another controller's section means
-    another controller's profile."""
+    """Refuse an unknown top-level table with the nearest name; the section of another controller
+    means a profile of another controller.
+    """
     machine = tables.get("machine", {})
     named = (
         machine.get("controller", controller.name) if isinstance(machine, dict) else controller.name
@@ -170,7 +171,7 @@ def _refuse_unknown_kinds(
     records: Sequence[SignTestRecord], controller: Controller, source: str
 ) -> None:
     """Refuse a sign test of a kind of table that the control lacks: it would be evidence for
-    nothing, unseen.
+    nothing, without notice.
     """
     for index, record in enumerate(records):
         if record.kind not in controller.kinds:

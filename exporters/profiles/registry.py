@@ -1,4 +1,4 @@
-"""The controllers that stepdiag can write for, by the word of ``--controller``."""
+"""The controllers for which stepdiag writes files, by the word of ``--controller``."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,5 +1,6 @@
-"""The commented profile that ``stepdiag profile C`` writes: every field, its meaning, its default;
-``"?"`` is a question."""
+"""The commented profile that ``stepdiag profile C`` writes: every field with its meaning and
+default; ``"?"`` marks a question.
+"""
 
 from stepdiag.exporters.programs import CONTROLS, default_decimals, default_signals
 from stepdiag.exporters.programs.settings import program_template

@@ -1,6 +1,4 @@
-"""The statements of every control's dialect, and the common walk that turns passes into its
-blocks.
-"""
+"""The statements of every control's dialect, and the common translation of passes into blocks."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -45,7 +43,8 @@ class Job:
     @property
     def program_number(self) -> int:
         """Return 8000 + the setup number, where each beam offset adds a hundred; 7000 + k for the
-        k-th setup of the plan."""
+        k-th setup of the plan.
+        """
         if self.register > CODED_FROM:
             return 7000 + self.register - CODED_FROM
         return 8000 + self.register + 100 * setup_of(self.setup).shift
@@ -69,7 +68,7 @@ class Dialect(ABC):
     """Requirements of the default signals on the PLC and the control, with their source."""
 
     checked: tuple[str, ...]
-    """The program's checks before the first move, and its blind spots."""
+    """The program's checks before the first move, and the facts that it cannot check."""
 
     @abstractmethod
     def file_name(self, job: Job) -> str:
@@ -77,17 +76,19 @@ class Dialect(ABC):
 
     @abstractmethod
     def comment(self, text: str) -> str:
-        """Return a block that holds nothing but a comment; ``text`` is ASCII without brackets."""
+        """Return a block with only a comment; ``text`` is ASCII without brackets."""
 
     @abstractmethod
     def start(self) -> list[str]:
-        """Return the safe start: known modes, no offset or transformation left active, and a halt
-        until the operator agrees."""
+        """Return the safe start: known modes, no active offset or transformation, and a halt until
+        the operator agrees.
+        """
 
     @abstractmethod
     def ask(self, text: str) -> list[str]:
-        """Return the halt with a text for the operator, who starts the program on; ``text`` is
-        ASCII without brackets."""
+        """Return the halt with a text for the operator, who then continues the program; ``text`` is
+        ASCII without brackets.
+        """
 
     @abstractmethod
     def move(self, position: tuple[str, str, str], feed: str) -> str:
@@ -202,7 +203,7 @@ def _check_increment(job: Job) -> None:
     """Raise ``UsageError`` where a commanded position is no multiple of the control's input
     increment.
 
-    A control rounds such a position, and the stop is then beside the solver's place.
+    A control rounds such a position, and the stop then differs from the solver's target.
     """
     increment = 10.0**-job.decimals
     for each in passes_of(job.sequence, job.setup):
@@ -223,7 +224,7 @@ def _spoken(setup: str) -> str:
 
 
 def _ascii(text: str) -> str:
-    """Return what a comment may hold of a survey's name."""
+    """Return the part of a survey's name that a comment may hold."""
     return "".join(
         letter if letter.isascii() and (letter.isalnum() or letter in " .-_") else "_"
         for letter in text

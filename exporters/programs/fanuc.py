@@ -7,9 +7,9 @@ from stepdiag.exporters.programs.signals import Signals
 class Fanuc(Dialect):
     """ISO code with macro statements.
 
-    ``G53`` alone on a block holds the macro statements behind it back until the axes have arrived:
-    macro statements are otherwise carried out as soon as they are read ahead (B-63614EN/01, p.
-    322). ``G09`` ends the move in an exact stop.
+    ``G53`` alone on a block delays the macro statements after it until the axes have arrived: macro
+    statements are otherwise executed as soon as they are read ahead (B-63614EN/01, p. 322). ``G09``
+    ends the move in an exact stop.
     """
 
     control = "fanuc"
@@ -51,7 +51,9 @@ class Fanuc(Dialect):
         return f"O{job.program_number}"
 
     def comment(self, text: str) -> str:
-        """Return the text in the letters the control reads: a colon is the letter O in ISO code."""
+        """Return the text in letters that the control reads: a colon is the letter O in ISO
+        code.
+        """
         return f"({text.upper().replace(':', ' -').replace('_', '-')})"
 
     def number(self, value: float) -> str:
@@ -90,8 +92,9 @@ class Fanuc(Dialect):
         return [f"M00 {self.comment(text)}"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a move with G54 at zero: machine coordinates at feed, which G53 gives only in
-        rapid."""
+        """Return a move with G54 at zero: machine coordinates at feed, because G53 gives them only
+        in rapid.
+        """
         x, y, z = position
         return f"G09 G01 X{x} Y{y} Z{z} F{feed}"
 

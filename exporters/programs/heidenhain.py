@@ -18,8 +18,9 @@ class _Check:
     stopped: str
 
     def blocks(self, label: int) -> list[str]:
-        """Return the comparison; where the value is another, the program stops and compares again
-        after the start key."""
+        """Return the comparison; if the value differs, the program stops and compares again after
+        the start key.
+        """
         return [
             f"LBL {label}",
             "FN 20: WAIT FOR SYNC",
@@ -48,8 +49,8 @@ class Heidenhain(Dialect):
     """Conversational blocks with ``M91``: coordinates of that block count from the machine datum.
 
     ``FN 19`` hands two numbers to the PLC; a counter of 0 means under way. ``FN 20: WAIT FOR SYNC``
-    holds the look-ahead back until the axes have arrived. There is no default for the handshake:
-    its PLC operand is the builder's.
+    delays the look-ahead until the axes have arrived. There is no default for the handshake: its
+    PLC operand depends on the builder.
     """
 
     control = "heidenhain"
@@ -112,8 +113,9 @@ class Heidenhain(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the reset of datum shift, mirroring, rotation and scaling, the checks of what is
-        active then, and the halt."""
+        """Return the reset of datum shift, mirroring, rotation and scaling, the checks of the
+        active ones, and the halt.
+        """
         return [
             "CYCL DEF 7.0 DATUM SHIFT",
             "CYCL DEF 7.1 X+0",
@@ -134,7 +136,7 @@ class Heidenhain(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the halt; its text is the block before."""
+        """Return the halt; its text is in the previous block."""
         return [self.comment(text), "STOP M5"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:

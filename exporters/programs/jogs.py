@@ -1,8 +1,8 @@
-"""Commissioning of the 4-DOF head by a run: jogs of the two other axes at both ends, then the
-operator's hand on the laser.
+"""Commissioning of the 4-DOF head by a run: jogs of the two other axes at both ends, then a
+movement of the laser by the operator's hand.
 
 Every place is approached from below in both axes, so that no difference contains their backlash.
-`stepdiag.fourdof.commission` looks for the places and the stands in the log.
+`stepdiag.fourdof.commission` finds the places and the standstills in the log.
 """
 
 from dataclasses import dataclass
@@ -22,8 +22,9 @@ BLOCK, FREE = "block the beam and leave it blocked. start", "free the beam. star
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jog:
-    """A place that is driven to without a word to the PLC, how long the machine stands there, and
-    what the operator is asked before."""
+    """A place that is approached without a signal to the PLC, the time of standing there, and the
+    question to the operator before it.
+    """
 
     position_mm: tuple[float, float, float]
     stand_s: float = 0.0
@@ -34,7 +35,8 @@ def jogs_at(
     place_mm: tuple[float, float, float], axis: str, *, last: bool = False
 ) -> tuple[Jog, ...]:
     """Return the jogs at one end of a run along ``axis`` (x, y, z), and the wobble; at the ``last``
-    end the beam is blocked, too."""
+    end the beam is blocked, too.
+    """
     others = [index for index in range(3) if AXES[index] != axis]
 
     def beside(*moved_mm: float) -> tuple[float, float, float]:

@@ -1,5 +1,4 @@
-"""LinuxCNC: RS274/NGC program, metric, and the HAL component beside it: there is no PLC to be
-asked."""
+"""LinuxCNC: RS274/NGC program, metric, with a HAL component: the control has no separate PLC."""
 
 import re
 from pathlib import Path
@@ -27,8 +26,8 @@ _NETS = (
 class LinuxCNC(Dialect):
     """RS274/NGC in machine coordinates (``G53`` with each move).
 
-    ``M64``, ``M65`` and ``M68`` are carried out when the moves before them have ended; ``G61.1``
-    ends every move in an exact stop.
+    ``M64``, ``M65`` and ``M68`` are executed after the moves before them have ended; ``G61.1`` ends
+    every move in an exact stop.
     """
 
     control = "linuxcnc"
@@ -100,7 +99,7 @@ def companion_files(
     """Return the files that LinuxCNC runs to serve the register block at ``host`` and ``port``;
     none for a control with a PLC.
 
-    Raises ``UsageError`` for an address that could be taken for anything else in a HAL file.
+    Raises ``UsageError`` for an address that a HAL file could misread.
     """
     if control != "linuxcnc":
         return ()

@@ -96,8 +96,9 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
 
 
 def default_signals(control: str) -> Signals:
-    """Return the control's own means of talking to the PLC. Raises ``UsageError`` for an unknown
-    control."""
+    """Return the control's own means of signalling to the PLC. Raises ``UsageError`` for an unknown
+    control.
+    """
     return _dialect(control).signals
 
 
@@ -107,8 +108,9 @@ def default_decimals(control: str) -> int:
 
 
 def program_name(sequence: Sequence, control: str, setup: str) -> str:
-    """Return the file name of a setup's program: what the operator is asked to start (``O8002`` for
-    npp on Fanuc)."""
+    """Return the file name of a setup's program, by which the operator starts it (``O8002`` for npp
+    on Fanuc).
+    """
     dialect = _dialect(control)
     return dialect.file_name(
         Job(sequence=sequence, setup=setup, signals=dialect.signals, decimals=dialect.decimals)

@@ -14,20 +14,21 @@ from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.programs.jogs import Jog, jogs_at
 
 LARGEST_COUNT = 32767
-"""The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their
-PLC."""
+"""The stop counter stays within a signed 16-bit word: some controls pass no larger number to their
+PLC.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sequence:
     """The commanded part of a survey, in machine coordinates.
 
-    ``setups`` are run by a program each; a body diagonal measured again through a shifted beam is
-    called ``ppp+1``: it drives the same stops and shows the PLC the same setup number, only the
-    laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and
+    A program runs each of the ``setups``. A body diagonal measured again through a shifted beam is
+    called ``ppp+1``: it drives the same stops and shows the PLC the same setup number, and only the
+    laser's place differs. ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and
     ``targets`` are those of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is the distance
     outside its first stop at which a pass begins, so that every moving axis has taken up its
-    backlash; 0 approaches from nowhere.
+    backlash; with 0 there is no approach.
     """
 
     name: str
@@ -45,11 +46,11 @@ class Sequence:
     targets: int = 0
     beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     commission: bool = False
-    """Whether the first pass of a run of the 4-DOF head commissions it on its way (`jogs_at`)."""
+    """Whether the first pass of a run of the 4-DOF head also commissions it (`jogs_at`)."""
 
     @property
     def plan(self) -> Plan:
-        """Return it as a plan."""
+        """Return the sequence as a plan."""
         runs = tuple(
             Run(
                 setup=setup,
@@ -107,7 +108,7 @@ def line_stops_mm(sequence: Sequence, setup: str, number: int = 1) -> Vector:
 def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
     """Return the passes of one setup in the order driven.
 
-    The counter goes on from setup to setup in the order of ``sequence.setups``.
+    The counter continues from setup to setup in the order of ``sequence.setups``.
     """
     check(sequence)
     count = 1 + sum(

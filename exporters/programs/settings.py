@@ -1,7 +1,7 @@
-"""``[program]`` of a controller profile: what the NC programs of one machine need and the control's
-usual means do not fit.
+"""``[program]`` of a controller profile: the needs of one machine's NC programs that differ from
+the control's usual means.
 
-``stepdiag program`` reads this section alone: the questions about tables in the same profile may
+``stepdiag program`` reads only this section: the questions about tables in the same profile may
 still be open.
 """
 
@@ -41,7 +41,7 @@ class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     end: str | None = None
 
     def signals(self, defaults: Signals) -> Signals:
-        """Return the texts of the machine, the control's ``defaults`` where it states none."""
+        """Return the texts of the machine, or the control's ``defaults`` where it states none."""
         own = {name: getattr(self, name) for name in _TEXTS if getattr(self, name) is not None}
         return replace(defaults, **own)
 
@@ -70,7 +70,8 @@ def program_section(text: str, source: str, control: str) -> ProgramSection:
 
 def travel_in(text: str, source: str) -> dict[str, tuple[float, float]]:
     """Return the software limits of the axes (x, y, z) that a profile states as ``travel_mm``.
-    Raises ``UsageError`` for a wrong one."""
+    Raises ``UsageError`` for a wrong value.
+    """
     axes = read_toml(text, source).get("axes", {})
     found = {}
     for letter, axis in axes.items() if isinstance(axes, dict) else ():

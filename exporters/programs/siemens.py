@@ -7,9 +7,9 @@ from stepdiag.exporters.programs.signals import Signals
 class Siemens(Dialect):
     """Part program in machine coordinates (``SUPA`` suppresses every offset of its block).
 
-    The data words ``$A_DBW[n]`` lie in the area shared with the PLC (DB4900 on 828D: function
-    manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are written while blocks are prepared; ``STOPRE`` holds
-    that back until the axes have arrived.
+    The data words ``$A_DBW[n]`` are in the area shared with the PLC (DB4900 on 828D: function
+    manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are written while blocks are prepared; ``STOPRE``
+    delays that until the axes have arrived.
     """
 
     control = "siemens"

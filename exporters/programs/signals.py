@@ -23,14 +23,14 @@ PLACEHOLDERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """The blocks that talk to the PLC; several blocks stand on several lines, an empty text sends
+    """The blocks with signals to the PLC; several blocks are on several lines, an empty text sends
     nothing.
 
-    ``begin``: the program has started, setup number known; ``stopped`` off, whatever an aborted
-    program left. ``stand``: in position and dwelling, so ``stopped`` is on and the counter new.
-    ``leave``: ``stopped`` off before the next move. ``wait``: only with the handshake, hold until
-    the PLC shows ``captured`` equal to the counter. ``end``: setup number 0. Placeholders
-    ``{setup}`` and ``{count}`` are whole numbers.
+    ``begin``: the program has started, the setup number is known; ``stopped`` is off, whatever
+    state an aborted program left. ``stand``: in position and dwelling, so ``stopped`` is on and the
+    counter is new. ``leave``: ``stopped`` off before the next move. ``wait``: only with the
+    handshake, hold until the PLC shows ``captured`` equal to the counter. ``end``: setup number 0.
+    Placeholders ``{setup}`` and ``{count}`` are whole numbers.
     """
 
     begin: str
@@ -40,7 +40,7 @@ class Signals:
     end: str
 
     def __post_init__(self) -> None:
-        """Raise ``UsageError`` for a placeholder that the text cannot have."""
+        """Raise ``UsageError`` for a placeholder that the text must not have."""
         for item in fields(self):
             known = PLACEHOLDERS[item.name]
             _refuse_unprintable(f"program.{item.name}", getattr(self, item.name))
@@ -82,8 +82,8 @@ def _placeholders(where: str, text: str) -> list[str]:
 
 
 def _refuse_unprintable(where: str, text: str) -> None:
-    """Refuse characters that an NC program cannot hold, and texts at every stop that would make it
-    endless.
+    """Refuse characters that an NC program cannot hold, and texts at every stop that would make the
+    program endless.
     """
     if len(text) > LONGEST_TEXT or any(
         letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text

@@ -4,12 +4,12 @@ over Modbus TCP.
 
     loadusr -Wn stepdiag /usr/bin/python3 ./stepdiag_modbus.py --host 192.168.1.20 --port 1502
 
-stepdiag.hal beside it holds this line and nets the pins; `stepdiag program --controller linuxcnc`
-writes both. The component shows the program's state (setup, stop counter, stopped), whether the
-control stands in position, and the commanded positions of the axes. Function codes 3 and 4 read
-registers 0 to 13, function codes 6 and 16 write register 100, ``captured``: nothing else can be
-written, and no input of the control can be set but the single input that the program waits for. The
-component needs only the control's own Python (3.7 or newer).
+stepdiag.hal beside this file holds this line and connects the pins; `stepdiag program --controller
+linuxcnc` writes both. The component shows the program's state (setup, stop counter, stopped),
+whether the control stands in position, and the commanded positions of the axes. Function codes 3
+and 4 read registers 0 to 13, function codes 6 and 16 write register 100, ``captured``: no other
+register can be written, and no input of the control can be set except the one for which the program
+waits. The component needs only the control's own Python (3.7 or newer).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ MOST_CLIENTS = 8
 LONGEST_FRAME = 260
 AXES = "xyz"
 USUAL = {"material-c": 20.0, "air-c": 20.0, "pressure-hpa": 1013.25, "humidity-percent": 50.0}
-"""The hall's values until a sensor is netted to them; `stepdiag check` shows them."""
+"""The hall's values until a sensor is connected to these pins; `stepdiag check` shows them."""
 
 
 class Block:
-    """The registers as the control is now."""
+    """The registers with the present state of the control."""
 
     def __init__(self, pins: hal.component, unit_mm: float) -> None:
         self._pins, self._unit_mm = pins, unit_mm
@@ -77,7 +77,7 @@ class Block:
         self._pins["captured"] = float(count)
 
     def _look(self) -> None:
-        """Ask the control for its state, rarely enough to cost it nothing."""
+        """Query the state of the control, rarely enough to be of no cost to it."""
         if time.monotonic() - self._looked_s < STATUS_S:
             return
         self._looked_s = time.monotonic()
@@ -111,7 +111,7 @@ def answer(request: bytes, block: Block) -> bytes:
 
 
 def written(function: int, reply: bytes, address: bytes, value: bytes, block: Block) -> bytes:
-    """Take ``captured``; refuse every other register."""
+    """Store ``captured``; refuse every other register."""
     if struct.unpack(">H", address) != (CAPTURED,):
         return bytes([function | 0x80, ILLEGAL_ADDRESS])
     block.take_captured(struct.unpack(">H", value)[0])
@@ -119,13 +119,13 @@ def written(function: int, reply: bytes, address: bytes, value: bytes, block: Bl
 
 
 class Client:
-    """One connection: whole requests out of whatever pieces come in."""
+    """One connection: complete requests from the received pieces."""
 
     def __init__(self, link: socket.socket) -> None:
         self.link, self._received = link, b""
 
     def serve(self, block: Block) -> bool:
-        """Answer the received bytes; return False for an ended connection, a client that takes no
+        """Answer the received bytes; return False for an ended connection, a client that accepts no
         answer, or bytes that are not Modbus TCP.
         """
         try:
@@ -152,8 +152,8 @@ class Client:
 
 
 def served(door: socket.socket, block: Block) -> None:
-    """Answer all clients, until the control ends this component; the oldest of too many connections
-    gives way.
+    """Answer all clients until the control ends this component; with too many connections, the
+    oldest is closed.
     """
     clients: list[Client] = []
     while True:

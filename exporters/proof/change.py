@@ -38,7 +38,9 @@ class Way:
         return signs
 
     def seen_um(self, table: Table) -> Vector:
-        """Return what the laser sees of a table at the stops, by the control's law, in um."""
+        """Return the effect of a table that the laser sees at the stops, by the control's law, in
+        um.
+        """
         moving, output = (
             AXES.index(axis.lower()) for axis in (table.input_axis, table.output_axis)
         )
@@ -55,10 +57,10 @@ class Way:
 
 
 def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Vector]]:
-    """Yield each way of each of some setups with the mean deviation of its passes there, in um:
-    reading less position along the beam.
+    """Yield each way of each of some setups with the mean deviation of its passes there, in um: the
+    reading minus the position along the beam.
 
-    If passes move the axes in other orders than the first pass, the first counts alone.
+    If passes move the axes in other orders than the first pass, only the first pass is used.
     """
     passes = readings.passes()
     for setup in setups:
@@ -98,8 +100,8 @@ def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Ve
 
 
 def changes(before: Readings, after: Readings) -> tuple[list[Way], Vector]:
-    """Return the common ways of survey and proof run, and the change from the former to the latter
-    at all their stops in turn, in um.
+    """Return the common ways of survey and proof run, and the change from survey to proof run at
+    all their stops in turn, in um.
     """
     ways, parts = [], [np.zeros(0)]
     setups = list(dict.fromkeys(after.setup))
@@ -119,8 +121,8 @@ def _same(one: Vector, other: Vector) -> bool:
 
 
 def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
-    """Return the seen effect of each function's tables at all stops in turn, in um; tables of a
-    function act together.
+    """Return the effect of each function's tables as the laser sees it, at all stops in turn, in
+    um; tables of a function act together.
     """
     seen: dict[str, Vector] = {}
     for table in tables:
@@ -130,7 +132,7 @@ def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
 
 
 def exchanged(table: Table, one: str, other: str) -> Table:
-    """Return a table in its action with two axes exchanged."""
+    """Return a table as it would act with two axes exchanged."""
     names = {one: other, other: one}
     lever = (
         None
@@ -144,9 +146,9 @@ def exchanged(table: Table, one: str, other: str) -> Table:
 def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]) -> Measured:
     """Return the regression of a change on the seen effect of each function.
 
-    Free beside it are an origin per way, for each diagonal the two leans of its newly set up
-    mirror, and a scale within `SCALE_UM_M`. The scatter has two parts of the same size: that of
-    each reading, and that of each arrival of an axis, which stays until its next move.
+    The regression also estimates an origin per way, for each diagonal the two leans of its newly
+    set up mirror, and a scale within `SCALE_UM_M`. The scatter has two parts of the same size: that
+    of each reading, and that of each arrival of an axis, which stays until its next move.
     """
     count = len(change_um)
     begins = np.cumsum([0, *(len(way.stops_mm) for way in ways)])
@@ -178,8 +180,9 @@ def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]
 
 
 def unit_u(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, float]:
-    """Return, before a drive, the u (k = 1) of the factor of each function's tables along some
-    ways, for readings that scatter by 1 um. A function without a seen effect is left out.
+    """Return the u (k = 1) of the factor of each function's tables along some ways, as known before
+    a drive, for readings that scatter by 1 um. A function whose tables have no seen effect is left
+    out.
     """
     seen = columns(tables, ways)
     if not seen:

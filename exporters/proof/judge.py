@@ -1,24 +1,25 @@
-"""Theory of operation: is each table in the control the exported table? Ten minutes of readings
-answer.
+"""Theory of operation: the test whether each table in the control is the exported table. Ten
+minutes of readings answer.
 
     change = sum over functions of factor * effect of the function's tables seen by the laser +
     origin, leans and scale of the new set-up
 
 The factor is 1 for a table that acts as exported, -1 for a turned sign, 0 for an inactive table, a
 half or 2 for a wrong weight or a double loading; if two axes were exchanged, the tables of both act
-along the wrong axis. Faults have causes, so a fault explains a function, all functions of a kind of
-table, or all. Explanations are added one at a time, as long as each makes the readings `NAMED`
-times as likely as before.
+along the wrong axis. One fault has one cause, so a fault explains one function, all functions of a
+kind of table, or all functions. Explanations are added one at a time, as long as each makes the
+readings `NAMED` times as likely as before.
 
-Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and `SURE`
-times as likely as the nearest state, beside the states of the other tables and beside any size of
-them. Where only the former holds, the table is undecided.
+Any other factor means a table in another size. Such a table is reported if its size differs by more
+than `verdicts.regression` tolerates, and if this size is `SURE` times as likely as the nearest
+state, for the states of the other tables as well as for any size of them. If only the first
+condition holds, the table is undecided.
 
-A table is decided if every other state makes the readings `SURE` times less likely, by itself and
-with all of its kind. Its factor is shown with U: of a state beside the states of all others, else
-beside any size of them. The tables are kept if
-every table is decided to be right, or too small to matter: the remaining states differ by no more
-than U of the survey's own readings.
+A table is decided if every other state of this table alone, and of all tables of its kind, makes
+the readings `SURE` times less likely. The report shows its factor with U: estimated with the states
+of all other tables if the table has a state, else with any size of them. The tables are kept if
+every table is decided to be right, or its effect is too small to matter: then the remaining states
+differ by no more than U of the survey's own readings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,15 +54,17 @@ STATES: tuple[tuple[Code, float], ...] = (
     ("scaled", 2.0),
 )
 SURE, NAMED = 20.0, 400.0
-"""Odds for one state of a table against another; and for a fault, of which fifty and more are
-tried, against none."""
+"""Odds for one state of a table against another; and odds for a fault, of which more than fifty are
+tried, against no fault.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proved:
-    """The verdict on the tables of one function: ``factor`` with standard uncertainty ``u``, and
-    ``seen_um``, the rms of what the laser was to see of them. ``code`` is None where the run does
-    not decide; ``harmless`` is then whether that matters."""
+    """The verdict on the tables of one function: The ``factor`` with its standard uncertainty
+    ``u``, and ``seen_um``, the rms of the effect that the laser should see. The ``code`` is None
+    where the run does not decide; ``harmless`` then states whether the open question has no effect.
+    """
 
     function: str
     kind: str
@@ -73,7 +76,7 @@ class Proved:
 
     @property
     def state(self) -> Literal["right", "wrong", "undecided"]:
-        """Return what the code comes to."""
+        """Return the consequence of the code."""
         if self.code is None:
             return "right" if self.harmless else "undecided"
         return "right" if self.code == "right" else "wrong"
@@ -81,9 +84,10 @@ class Proved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """The verdicts, and what to do: keep the tables, restore the control, or drive on: the setups
-    of the survey that show most of what is not decided are ``further``. Repeating the run shows no
-    more: what it leaves open is how its set-up leans."""
+    """The verdicts, and the consequence: keep the tables, restore the control, or continue the
+    drive; ``further`` are the setups of the survey that show the undecided tables best. Repeating
+    the run shows no more, because the leans of its set-up stay unknown.
+    """
 
     tables: tuple[Proved, ...]
     sigma_um: float
@@ -91,7 +95,7 @@ class Proof:
 
     @property
     def action(self) -> Literal["keep", "restore", "undecided"]:
-        """Return what the states of the tables come to."""
+        """Return the consequence of the states of the tables."""
         states = {each.state for each in self.tables}
         if "wrong" in states:
             return "restore"
@@ -109,7 +113,7 @@ class _Explained:
 
 
 class _Case:
-    """The tables of a proof run beside its readings."""
+    """The tables of a proof run and its readings."""
 
     def __init__(
         self, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table]
@@ -147,14 +151,17 @@ class _Case:
         return self.fit.misfit(explained.predicted_um)
 
     def parts(self, explained: _Explained, names: Sequence[str]) -> tuple[Vector, Vector]:
-        """Return what the laser sees of some tables as exported, and of all else as explained."""
+        """Return the effect that the laser sees of some tables as exported, and of all other tables
+        as explained.
+        """
         together = sum((self.seen[name] for name in names), self.nothing)
         own = sum((explained.states[name][1] * self.seen[name] for name in names), self.nothing)
         return together, explained.predicted_um - own
 
     def shown(self, best: _Explained, name: str) -> tuple[float, float]:
-        """Return the factor of a function's tables, with its u, as its state is decided: alone, or
-        with all that share the state."""
+        """Return the factor of a function's tables, with its u, estimated as its state is decided:
+        alone, or together with all tables in this state.
+        """
         state = best.states[name]
         alike = [each for each, one in best.states.items() if one == state]
         if state[0] in ("right", "axes-swapped"):
@@ -172,7 +179,7 @@ class _Case:
         )
 
     def others(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations with a further cause: another factor of a group, or two exchanged
+        """Yield explanations with one further cause: another factor of a group, or two exchanged
         axes.
         """
         for group in self.groups:
@@ -193,7 +200,9 @@ class _Case:
                 yield self._exchanged(than, some, *pair)
 
     def sized(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations with the best factor of a group, if this is no longer its state."""
+        """Yield explanations with the best factor of a group, if its present state has another
+        factor.
+        """
         for group in self.groups:
             if all(than.states[name][0] != "axes-swapped" for name in group):
                 together, beside = self.parts(than, group)
@@ -232,11 +241,12 @@ def prove(
     acting: Sequence[Table],
     replaced: Sequence[Table] = (),
 ) -> Proof:
-    """Return the result of a proof run: ``before`` are the readings of the survey with this
-    ``result``, ``after`` its own.
+    """Return the result of a proof run: The ``before`` are the readings of the survey with this
+    ``result``, ``after`` the readings of the proof run.
 
-    ``acting`` are the tables meant to act in it, ``replaced`` the tables active in the survey.
-    Raises ``DataError`` if the two share no stops, or see nothing of any table.
+    The tables in ``acting`` should be active in the proof run, ``replaced`` were active in the
+    survey. Raises ``DataError`` if survey and proof run share no stops, or see no effect of any
+    table.
     """
     case = _Case(before, after, acting, replaced)
     best = case.right()
@@ -263,8 +273,8 @@ def prove(
 def _further(
     case: _Case, before: Readings, after: Readings, proved: Sequence[Proved]
 ) -> tuple[str, ...]:
-    """Return the setups, not driven again yet, beside which the undecided tables get the least u,
-    as few as show all that the survey shows of them.
+    """Return the setups, not driven again yet, that give the undecided tables the smallest u, as
+    few as show everything that the survey shows of these tables.
     """
     missing = {each.function for each in proved if each.state == "undecided"}
     ways = {
@@ -314,7 +324,9 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
 
 
 def _unseen(case: _Case, name: str, result: Result) -> Proved:
-    """Return the verdict on tables of which the setups that were driven see nothing: any state."""
+    """Return the verdict on tables of which the driven setups see no effect: every state is
+    possible.
+    """
     return Proved(
         function=name,
         kind=case.kinds[name],
@@ -333,16 +345,17 @@ def _size_um(case: _Case, name: str) -> float:
 
 
 def _code(factor: float, u: float) -> Code:
-    """Return the state of a factor, within the tolerated size or where another one is not `SURE`
-    times as likely; else scaled."""
+    """Return the state of a factor if its size is tolerated, or if no other size is `SURE` times as
+    likely; else the state "scaled".
+    """
     code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
     within = max(SIZED, float(np.sqrt(2.0 * np.log(SURE))) * u)
     return code if abs(factor - exact) <= within else "scaled"
 
 
 def _unknown_um(result: Result, function: str) -> float:
-    """Return U of a function (of a product its first function) from the readings alone, rms over
-    its positions; 0 for an unknown function.
+    """Return U of a function (for a product, of its first function) from the readings alone, rms
+    over its positions; 0 for an unknown function.
     """
     found = result.errors.get(function[:3])
     u = None if found is None else found.u if found.u_readings is None else found.u_readings

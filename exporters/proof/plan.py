@@ -34,7 +34,9 @@ class Foreseen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofPlan:
-    """The setups and their repeats, the minutes of driving, and what they will see."""
+    """The setups with their repeats, the minutes of driving, and the expected view of each
+    table.
+    """
 
     setups: tuple[str, ...]
     repeats: int
@@ -48,8 +50,8 @@ def plan_proof(
     """Return the diagonal and the line of a survey with the best view of the least visible table,
     repeated within ``minutes`` of driving, once at least.
 
-    Raises ``DataError`` for a survey without a diagonal, and for a survey that sees nothing of any
-    table.
+    Raises ``DataError`` for a survey without a diagonal, and for a survey that sees no effect of
+    any table.
     """
     names = [run.setup for run in driven.runs if run.setup in readings.setup]
     diagonals, lines = (

@@ -2,8 +2,8 @@
 
 An error refuses the export. A warning refuses the export too unless its code is accepted by name.
 Findings that never refuse are in ``remarks``. Numbers in the docstrings are those of controllers.md
-10; 1 (grid), 5 (overlap) and 9 (axes) are in part made where the numbers arise: in the profile and
-in the controller modules.
+10; checks 1 (grid), 5 (overlap) and 9 (axes) are partly made where the numbers arise: in the
+profile and in the controller modules.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -53,7 +53,7 @@ Check = Callable[[Case], Iterator[Finding]]
 
 
 def check_finite(case: Case) -> Iterator[Finding]:
-    """1: finite values, ascending positions."""
+    """Check 1: finite values, ascending positions."""
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
             yield error("file-unsound.number", label=table.label)
@@ -62,7 +62,7 @@ def check_finite(case: Case) -> Iterator[Finding]:
 
 
 def check_values(case: Case) -> Iterator[Finding]:
-    """2: the size of the correction, and what the control itself can hold."""
+    """Check 2: the size of the correction, and the largest value of the control."""
     for table in case.tables:
         limits = case.profile.limits.at(_travel_mm(table))
         largest = float(np.max(np.abs(_net_um(case, table))))
@@ -77,8 +77,8 @@ def check_values(case: Case) -> Iterator[Finding]:
 
 
 def check_change(case: Case) -> Iterator[Finding]:
-    """3: the change against the previous tables of the same function. `standing` judges the old
-    tables beside it.
+    """Check 3: the change against the previous tables of the same function. The module `standing`
+    judges the other old tables.
 
     A table of zeros is no previous table: the first compensation of a machine is judged by its size
     alone (check 2).
@@ -94,7 +94,7 @@ def check_change(case: Case) -> Iterator[Finding]:
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
-    """4: change per mm, and from point to point as far as the control limits it."""
+    """Check 4: change per mm, and from point to point if the control limits it."""
     for table in case.tables:
         own = case.controller.limits(table, case.profile)
         spacing = np.diff(table.position_mm)
@@ -118,7 +118,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
 
 
 def check_points(case: Case) -> Iterator[Finding]:
-    """5: number of points, and of tables of a kind."""
+    """Check 5: number of points, and of tables of a kind."""
     for kind in sorted({table.kind for table in case.tables}):
         of_kind = [table for table in case.tables if table.kind == kind]
         held = case.controller.limits(of_kind[0], case.profile).tables
@@ -147,7 +147,9 @@ def check_points(case: Case) -> Iterator[Finding]:
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
-    """6: zero at the reference position, or the axis jumps when the table becomes active."""
+    """Check 6: zero at the reference position; otherwise the axis jumps when the table becomes
+    active.
+    """
     for table in case.tables:
         if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
             continue  # a product is zero where its lever is, which is another axis
@@ -165,7 +167,7 @@ def check_reference(case: Case) -> Iterator[Finding]:
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
-    """7: the table covers the travel of its axis, or holds its end values beyond it."""
+    """Check 7: the table covers the travel of its axis, or holds its end values beyond it."""
     for table in case.tables:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
@@ -188,7 +190,7 @@ def check_travel(case: Case) -> Iterator[Finding]:
 
 
 def check_units(case: Case) -> Iterator[Finding]:
-    """8: the unit system of the control."""
+    """Check 8: the unit system of the control."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
         yield error(
             "units-not-metric", control=case.controller.title, units=case.profile.machine.units
@@ -196,14 +198,14 @@ def check_units(case: Case) -> Iterator[Finding]:
 
 
 def check_axes(case: Case) -> Iterator[Finding]:
-    """9: every axis has a name of its own."""
+    """Check 9: every axis has a name of its own."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield error("profile-incomplete.name", source=case.profile.source, name=name)
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
-    """12: reversal error in the tables and in the backlash parameter at the same time."""
+    """Check 12: reversal error in the tables and in the backlash parameter at the same time."""
     both = (
         table for table in case.tables if table.direction and table.input_axis == table.output_axis
     )
@@ -222,8 +224,8 @@ def check_reversal(case: Case) -> Iterator[Finding]:
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
-    """13: the solver's findings about the data, and the correction against repeatability and its
-    own uncertainty.
+    """Check 13: the solver's findings about the data, and the size of the correction relative to
+    repeatability and its own uncertainty.
     """
     for each in case.result.findings:
         if each.severity == "error":
@@ -243,8 +245,9 @@ def check_quality(case: Case) -> Iterator[Finding]:
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
-    """14: a sign test that contradicts the sense of a table. Without a test the file names state it
-    instead."""
+    """Check 14: a sign test that contradicts the sense of a table. Without a test, the file names
+    carry a warning instead.
+    """
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
@@ -273,14 +276,15 @@ CHECKS: tuple[Check, ...] = (
 
 
 def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, ...]:
-    """Return every error and every warning; tables that are not finite or not ascending are beyond
-    any further check."""
+    """Return every error and every warning; for tables that are not finite or not ascending, no
+    further check is made.
+    """
     broken = tuple(check_finite(case))
     return broken or tuple(one for check in checks for one in check(case))
 
 
 LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_units)
-"""The checks that need nothing but a table, its control and a profile."""
+"""The checks that need only a table, its control and a profile."""
 
 
 def limit_findings(
@@ -292,8 +296,9 @@ def limit_findings(
 
 
 def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
-    """11: what the control reads from the bytes is what was planned, to half a unit at every
-    point."""
+    """Check 11: the values that the control reads from the bytes are the planned values, within
+    half a unit at every point.
+    """
     for table in planned:
         alike = [
             [other for other in tables if (other.name, other.kind) == (table.name, table.kind)]
@@ -306,8 +311,8 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
-    """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that
-    is not accepted.
+    """Raise ``SafetyError`` with the key of the first finding that is an error or a warning without
+    acceptance.
     """
     refusing = [item for item in findings if item.severity != "info"]
     open_findings = [
@@ -359,8 +364,8 @@ def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
 
 
 def _travel_mm(table: Table) -> float:
-    """Return the travel of the growth of a table's errors: its own, or that of the lever of its
-    angle.
+    """Return the travel over which the errors of a table grow: the travel of its own axis, or of
+    the lever of its angle.
     """
     spans = (
         [table.position_mm]
@@ -379,11 +384,11 @@ def _measured_mm(result: Result, table: Table) -> float:
 
 
 def _net_um(case: Case, table: Table) -> Vector:
-    """Return what acts at the points of a table: with what angles beside it do there, whose levers
-    count from the zero of the axes.
+    """Return the correction at the points of a table together with that of the angles at the same
+    axis, whose levers count from the zero of the axes.
 
-    Far from that zero such a column and its angle are large and nearly cancel; the axis moves by
-    what is left, here in the middle of the volume and from the reference.
+    Far from this zero, such a column and its angle are large and nearly cancel each other; the axis
+    moves by the difference, here in the middle of the volume and relative to the reference.
     """
     turns = [
         each

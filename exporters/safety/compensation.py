@@ -3,9 +3,9 @@
 
 A table made from the residue of a compensated machine, loaded in place of the active table, makes
 the machine worse; so does a table made from the bare machine and added to the active table. So the
-survey states it before the first pass, with the very files, and an export whose profile or files
-contradict is refused. The hashes are those of files read out of the control by the operator, with
-date and way.
+survey states the active compensation before the first pass, with its files, and an export with a
+contradicting profile or files is refused. The hashes are those of files that the operator read out
+of the control, with the date and the way of reading.
 """
 
 import hashlib
@@ -21,12 +21,12 @@ from stepdiag.exporters.tables.profile import Profile
 
 
 def require_agreement(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the
-    result was measured.
+    """Raise ``SafetyError`` unless survey, profile and files state the same active compensation
+    during the measurement.
 
-    Codes: ``compensation-unanswered`` (the survey left the question open),
-    ``survey-differs.compensation`` (one is on, the other off), ``active-table-unfit.other`` (other
-    files).
+    Codes: The keys are ``compensation-unanswered`` (the survey left the question open),
+    ``survey-differs.compensation`` (one states on, the other off) and ``active-table-unfit.other``
+    (other files).
     """
     statement = require_answer(result)
     if statement.state is None:
@@ -47,8 +47,8 @@ def require_agreement(result: Result, profile: Profile) -> None:
 
 
 def require_answer(result: Result) -> Statement:
-    """Return the statement of a result. Raises ``SafetyError`` (``compensation-unanswered``) where
-    its survey leaves open what was active.
+    """Return the statement of a result. Raises ``SafetyError`` (``compensation-unanswered``) if the
+    survey does not state the active compensation.
     """
     statement = stated_in(result)
     if statement.state == UNANSWERED:

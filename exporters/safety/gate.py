@@ -1,7 +1,8 @@
-"""The last gate: the final text for a control, checked once more by code that did not write it.
+"""The last check: code that did not write the final text for a control reads and checks it once
+more.
 
-After any earlier fault, no control gets an invalid number, a power of ten, more digits than it
-takes, a table whose positions do not rise or whose values are beyond the limits.
+Whatever fault came before, no control gets an invalid number, a power of ten, more digits than it
+accepts, or a table whose positions do not ascend or whose values exceed the limits.
 """
 
 import re
@@ -25,7 +26,7 @@ _DIGITS, _DECIMALS = 12, 9
 """Digits before and after the point: the identity of a control has twelve, a position in inches
 nine decimals."""
 _PAST = 3
-"""Lines that a refusal names at most."""
+"""Largest number of lines that a refusal names."""
 
 
 def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ()) -> None:
@@ -47,8 +48,9 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
 
 
 def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iterator[Finding]:
-    """Yield what is wrong with tables as they were read back from the text: limits, travel, and the
-    verdicts that `verify` would give."""
+    """Yield the faults of tables as they were read back from the text: limits, travel, and the
+    verdicts of `verify`.
+    """
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)

@@ -1,4 +1,4 @@
-"""A result and a profile are of the same machine, by their stated names."""
+"""The test whether a result and a profile belong to the same machine, by the stated names."""
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
@@ -6,15 +6,15 @@ from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.profile import Profile
 
 UNANSWERED = frozenset({"", "machine", "?"})
-"""Machine names of a survey file that is not answered yet."""
+"""Machine names of a survey file whose questions are not answered yet."""
 
 
 def require_same_machine(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` if result and profile name different machines: a table of a machine is
-    never right for another.
+    """Raise ``SafetyError`` if result and profile name different machines: a table of one machine
+    is never right for another.
 
-    Case and spaces do not matter; a result without a machine's name, and a stand-in profile, are no
-    evidence.
+    Case and spaces do not matter; a result without a machine's name, and the stand-in for a
+    profile, are no evidence.
     """
     measured = "" if result.survey is None else result.survey.machine
     if profile.assumed or measured.strip().lower() in UNANSWERED:
@@ -30,5 +30,5 @@ def require_same_machine(result: Result, profile: Profile) -> None:
 
 
 def same_name(one: str, other: str) -> bool:
-    """Return whether two names are one, but for case and spaces."""
+    """Return whether two names are equal except for case and spaces."""
     return "".join(one.lower().split()) == "".join(other.lower().split())

@@ -1,9 +1,9 @@
 """Compensations that remove the effect of the angles' levers on the tool: a lattice, products of
 tables, columns of angles.
 
-During such a compensation, angles measured at the axes are still there, but their levers are gone
-from the readings. A solver that adds them to the model finds squareness errors that are not there
-(3 urad for angles of 10 urad, on the control of our tests).
+During such a compensation the angles of the axes remain, but the readings do not contain their
+levers. A solver that adds these angles to the model finds squareness errors that do not exist (3
+urad for angles of 10 urad, on the control of our tests).
 """
 
 import re
@@ -39,8 +39,9 @@ def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
 
 
 def left_out(files: Mapping[str, bytes]) -> Finding | None:
-    """Return that measured angles were left out of a solution, because ``files`` were active; None
-    where they may be used."""
+    """Return the finding that a solution does not use the measured angles, because ``files`` were
+    active; None where the angles may be used.
+    """
     names = without_levers(files)
     if not names:
         return None
@@ -48,8 +49,9 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
 
 
 def require_levers(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` for a result with measured angles of a machine whose compensation took
-    their levers away."""
+    """Raise ``SafetyError`` for a result with measured angles of a machine whose compensation
+    removed their levers.
+    """
     names = without_levers({file.name: file.data for file in profile.existing})
     known = [
         name

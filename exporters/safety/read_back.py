@@ -1,9 +1,9 @@
-"""Contents read out of a control, against an export, or before loading against the machine's own
-files: number by number, with switches and weights.
+"""The comparison of the numbers read out of a control with an export, or before loading with the
+machine's own files: number by number, with switches and weights.
 
-A half-way end of a loading, an old file loaded again, a forgotten switch: all these stand in the
-control's own numbers and in no statement. Compared are the tables as the control's law reads them
-from both sides, to half a unit.
+A loading that ended half-way, an old file that was loaded again, a forgotten switch: the control's
+own numbers show each of these faults, and no statement does. The comparison uses the tables as the
+control's law reads them from both sides, within half a unit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,8 +28,9 @@ BEFORE: Mapping[str, str] = {
     "mitsubishi": "Write the parameters out, or key the list in from the screen",
     "fagor": "Copy the leadscrew tables out of the control",
 }
-"""Reading out what a control holds before loading, where no program of the export compares it.
-V.A. variables: Beckhoff infosys, tf5200_axis_compensation, 308731019."""
+"""The step that reads out the control's contents before loading, for controls on which no program
+of the export compares them. V.A. variables: Beckhoff infosys, tf5200_axis_compensation, 308731019.
+"""
 STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
     "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM "
@@ -42,11 +43,13 @@ STEPS: Mapping[str, str] = {
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
 }
-"""Reading the numbers out of each control, in a step; the comparison is a command."""
+"""The step that reads the numbers out of each control; a command then compares them."""
 _UNIT_SHARE = 0.51
-"""So much of a unit of the last digit two numbers may differ: half of it, and the last bit."""
+"""Largest difference of two equal numbers in units of the last digit: half a unit, and the last
+bit.
+"""
 _LEAST_UM = 2e-3
-"""The last digit of what is read from a running control."""
+"""The unit of the last digit of numbers read from a running control."""
 _PLACE_MM = 1e-3
 
 
@@ -78,9 +81,9 @@ def compare(
 def compare_before(
     controller: Controller, held: Sequence[ControlFile], profile: Profile
 ) -> ReadBack:
-    """Return the comparison of what the control holds before loading with the machine's own files
-    of the profile, and with nothing where it names none; switches are compared where tables acted
-    while measuring.
+    """Return the comparison of the control's contents before loading with the machine's own files
+    in the profile (with empty contents if it names no files); switches are compared if tables were
+    active during the measurement.
 
     Raises ``DataError`` for a file of another control.
     """
@@ -125,7 +128,7 @@ def _compared(
 
 
 def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
-    """Yield the differences of every written table, and every table that acts beside them."""
+    """Yield the differences of every written table, and every other active table."""
     found, known = {table.identity: table for table in held}, {table.identity for table in wanted}
     for table in wanted:
         yield from _of_table(table, found.get(table.identity))
@@ -135,8 +138,8 @@ def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Findi
 
 
 def as_data(file: ControlFile) -> ControlFile:
-    """Return a part program written by a control as a data file: its switches are read, and are no
-    statement of a loading.
+    """Return a part program written by a control as a data file: its switches are read as values,
+    and do not count as instructions.
     """
     path = PurePath(file.name)
     return (

@@ -1,4 +1,4 @@
-"""Findings about an export that never refuse it: assumptions, preconditions, gaps."""
+"""Findings about an export that never refuse it: assumptions, preconditions, and missing parts."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,8 +15,8 @@ from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
 
 _COARSE_UM = 0.5
-"""Largest residue of a table between its points without a report, in um: about the uncertainty of a
-good survey.
+"""Largest residue of a table between its points, in um, that needs no report: about the uncertainty
+of a good survey.
 """
 
 
@@ -60,16 +60,18 @@ def _coarse(case: Case) -> Iterator[Finding]:
 
 
 def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
-    """Return by how much straight lines between the points of a grid miss a value at the most, at
-    the positions within the grid."""
+    """Return the largest difference between a value and the straight lines between the points of a
+    grid, at the positions within the grid.
+    """
     joined = np.interp(position_mm, grid_mm, np.interp(grid_mm, position_mm, value_um))
     inside = (position_mm >= grid_mm[0]) & (position_mm <= grid_mm[-1])
     return float(np.max(np.abs(value_um - joined)[inside], initial=0.0))
 
 
 def coarse(whose: Message, missed: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield the remark that the points of ``whose`` miss functions by more than a survey's
-    uncertainty."""
+    """Yield the remark that the points of ``whose`` differ from the functions by more than a
+    survey's uncertainty.
+    """
     left = [
         message("so-much-of", name=name, size_um=um)
         for name, um in missed.items()
@@ -104,7 +106,7 @@ def _state(case: Case) -> Iterator[Finding]:
 
 def _reversal(case: Case) -> Iterator[Finding]:
     """Offer the backlash number with its U, or report that there is none; and report a table per
-    direction that would hold chance only.
+    direction that would contain only chance.
     """
     for curve in case.curves:
         if curve.name not in POSITIONING:
@@ -119,11 +121,11 @@ def _reversal(case: Case) -> Iterator[Finding]:
 
 
 def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
-    """Yield the backlash of an axis with its U and its place, or nothing if the survey has none
-    beyond chance.
+    """Yield the backlash of an axis with its U and its place; nothing if the survey has no
+    significant backlash.
 
-    The backlash was measured with the control's own active parameter, so it comes on top of the
-    parameter's value then (the present value may already contain it); a control that
+    The backlash was measured while the control's own parameter was active, so it is added to the
+    value that the parameter had then (the present value may already contain it); a control that
     ``ends_backlash`` ignores this parameter beside a table.
     """
     number: Backlash | None = getattr(result.backlash, letter, None)

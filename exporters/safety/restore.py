@@ -13,7 +13,7 @@ from stepdiag.exporters.tables.tables import Table
 def restore_files(
     controller: Controller, tables: Sequence[Table], profile: Profile
 ) -> list[ControlFile]:
-    """Return the controller's files that take ``tables`` out and the old tables back in, as
+    """Return the controller's files that remove ``tables`` and restore the old tables, as
     ``<name>_RESTORE``.
     """
     return [

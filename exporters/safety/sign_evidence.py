@@ -1,14 +1,15 @@
-"""Theory of operation: are the two runs of a sign test evidence for the sense of a table?
+"""Theory of operation: the test whether the two runs of a sign test are evidence for the sense of a
+table.
 
-A bump that moves the axis the wrong way, two exchanged runs, and a laser that counts backwards look
-alike in the difference of the runs. The curve of the axis, known from a survey, separates them:
+A bump that moves the axis the wrong way, two exchanged runs, and a laser that counts backwards
+cause the same difference of the runs. The curve of the axis, known from a survey, separates them:
 
     off = known curve + nothing,        on = known curve + sense * bump
 
 So the run without the bump has to follow the known curve with its sign, and the bump has to be in
-the other run alone. Beside the known curve a run may have an origin and a slope of its own, the
-alignment of laser or dial; on a control that holds a slope alone the slope is tested. A record
-names its subject, and is evidence for nothing else.
+the other run alone. In addition to the known curve a run may have an origin and a slope of its own,
+from the alignment of laser or dial; on a control with slopes only, the slope itself is tested. A
+record names its subject, and is no evidence for any other subject.
 """
 
 import hashlib
@@ -34,22 +35,26 @@ from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 FEWEST = 7
 """Positions of a run: origin, slope, curve and bump are four unknowns."""
 FOLLOWS_UM, FOLLOWS = 2.0, 0.6
-"""By so much, or by such a share of the curve, a run may differ from the known one: another line of
-the volume, another temperature."""
+"""Largest difference between a run and the known curve, in um and as a share of the curve: it may
+come from another line of the volume, or from another temperature.
+"""
 HALF = 0.5
-"""Share of a bump, or of a curve, from which on it is in a run: half way between none and whole."""
+"""Share of a bump, or of a curve, above which the run contains it: half way between none and all of
+it.
+"""
 NOISE_UM = 0.1
 """The least scatter of readings."""
 SURE = 0.3
-"""Uncertainty of the share of a curve up to which its sign is seen: a third of the way from
-backwards to forwards, at 2 u."""
+"""Largest uncertainty of the share of a curve at which its sign is known: a third of the way from
+backwards to forwards, at 2 u.
+"""
 
 
 def known_um(
     result: Result, controller: Controller, profile: Profile, test: Bump, position_mm: Vector
 ) -> Vector:
-    """Return the error of the bare machine at positions, in um, by a result: without the old
-    tables, if active.
+    """Return the error of the bare machine at positions, in um, from a result: without the effect
+    of old tables that were active.
 
     Raises ``DataError`` for a function that the result does not identify.
     """
@@ -74,11 +79,11 @@ def known_um(
 
 
 def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
-    """Raise ``DataError``, with the name of the fault, unless the run off follows the ``known``
-    error (um) and the bump is in the other.
+    """Raise ``DataError``, with the name of the fault, unless the run with the table off follows
+    the ``known`` error (um) and the other run contains the bump.
 
-    Named are runs that were exchanged, a bump in both runs, a laser or dial that counts backwards,
-    a run of something else, and a curve too flat to show the direction of a dial.
+    The named faults are exchanged runs, a bump in both runs, a laser or dial that counts backwards,
+    a run of another axis or machine, and a curve too flat to show the direction of a dial.
     """
     at = run.position_mm
     if len(at) < FEWEST:
@@ -109,8 +114,9 @@ def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
 
 
 def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float]:
-    """Return the coefficient of a column in values, with the columns ``beside`` it free, and its
-    standard uncertainty from the scatter."""
+    """Return the coefficient of a column in values, with free coefficients for the columns
+    ``beside`` it, and its standard uncertainty from the scatter.
+    """
     own, rest = _without(beside, column), _without(beside, values)
     size = float(own @ own)
     if size < NOISE_UM**2:
@@ -121,7 +127,7 @@ def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float
 
 
 def _without(columns: Vector, values: Vector) -> Vector:
-    """Return values without what columns explain."""
+    """Return values without the part that columns explain."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
@@ -142,8 +148,8 @@ class Subject:
     system: str
 
     def covers(self, record: SignTestRecord) -> bool:
-        """Return whether a record is of this machine, control and measuring system, and names its
-        bump and its runs.
+        """Return whether a record is about this machine, control and measuring system, and names
+        its bump and its runs.
         """
         same = (
             same_name(record.machine, self.machine)
@@ -154,7 +160,7 @@ class Subject:
 
 
 def subject(control: str, profile: Profile) -> Subject:
-    """Return what a sign test on the machine of a profile is evidence for."""
+    """Return the subject of a sign test on the machine of a profile."""
     return Subject(
         machine=profile.machine.name,
         control=control,

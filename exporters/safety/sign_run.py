@@ -1,5 +1,6 @@
-"""The run of a sign test as data: from readings of two linear runs, or from a small CSV for what a
-dial or straightness laser showed."""
+"""The run of a sign test as data: from readings of two linear runs, or from a small CSV with the
+readings of a dial or straightness laser.
+"""
 
 from typing import NamedTuple
 
@@ -16,16 +17,17 @@ from stepdiag.exporters.files.listing import number_rows
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3
 _GROWTH = 0.01
-"""By so much the growth of a reading may differ from that of the position: no machine errs by 10 mm
-in a metre."""
+"""Largest difference between the growth of a reading and that of the position: no machine errs by
+10 mm in a metre.
+"""
 
 
 class SignRun(NamedTuple):
-    """Commanded positions of the input axis, and where the output axis stood there with the table
+    """Commanded positions of the input axis, and the places of the output axis there with the table
     off and on; ascending.
 
-    ``grows``: the readings of both runs grow with the position, so the direction in which the laser
-    counts is seen.
+    The flag ``grows`` states that the readings of both runs grow with the position, so that the
+    counting direction of the laser is known.
     """
 
     position_mm: Vector
@@ -36,7 +38,7 @@ class SignRun(NamedTuple):
 
 def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
     """Return the run along ``axis`` (X, Y, Z) from its linear run with the table off and the same
-    with it on.
+    run with the table on.
 
     All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is
     missing, the positions differ, or the readings of a run do not grow with the position.

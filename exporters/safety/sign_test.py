@@ -1,9 +1,9 @@
 """The sign test: a bump table for a function, and the verdict from its movement (controllers.md
 11).
 
-A sense learnt from a manual is a claim; this is the experiment. Zero everywhere except a single
-trapezium with gentle flanks; the axis is driven to the same commanded positions with the table off
-and on, and the difference seen by the laser is the table's effect.
+A sense stated in a manual is only a claim; the sign test is the experiment. The table is zero
+everywhere except for one trapezium with gentle flanks; the axis is driven to the same commanded
+positions with the table off and on, and the difference that the laser sees is the table's effect.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,14 @@ from stepdiag.exporters.tables.tables import Sense, Table, correction_um
 
 HEIGHT_UM = 10.0
 SLOPE_UM_MM = 0.2
-"""Flank of the bump: the safety checks let it pass."""
+"""Length of a flank of the bump: long enough for the safety checks."""
 _LEFT_BEYOND = 0.5
-"""Share of the expected movement that may be left beyond a bump."""
+"""Largest share of the expected movement that may remain beyond a bump."""
 _NO_MOVEMENT = 0.05
 _SIZE = (0.525, 1.9)
-"""Share of the expected movement at which a sense is believed: 0.5 to 2 less what a reading is off,
-for both ends have causes."""
+"""Share of the expected movement at which a sense is accepted: from 0.5 to 2, with a margin for the
+error of a reading, because both factors have possible causes.
+"""
 _CAUSES = (
     (10.0, message("unit-ten-times")),
     (2.0, message("counts-in-diameters")),
@@ -43,7 +44,9 @@ _ALIKE = 1.3
 
 
 _BESIDE = 5.0
-"""Two linked tables that a control adds move the axis ten times as far as their product."""
+"""On a control that adds two linked tables, they move the axis ten times as far as their
+product.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +66,7 @@ class Bump:
     top_mm: float
     beyond_mm: float | None
     lever: tuple[str, float] | None = None
-    """Of a product: where its other axis has to stand, for it to move most."""
+    """For a product: the place of its other axis at which the product moves most."""
 
     @property
     def expected_um(self) -> float:
@@ -174,15 +177,16 @@ def _squareness_of(function: str) -> tuple[str, ...]:
 
 
 def _levers(base: str) -> str:
-    """Return the axes of a possible lever of a table's error: not the table's own axis."""
+    """Return the axes that can be a lever of a table's error: all except the table's own axis."""
     return "XYZ".replace(base[2], "")
 
 
 def _product_plan(
     controller: Controller, profile: Profile, function: str, shape_um: Vector
 ) -> Plan:
-    """Return the plan of one product, whose lever goes from -1 to +1 over the table of its other
-    axis."""
+    """Return the plan of a single product, whose lever goes from -1 to +1 over the table of its
+    other axis.
+    """
     ends = profile.grid_mm(function[4])[[0, -1]]
     product = Product(
         output_axis=function[1],
@@ -215,7 +219,7 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
 
     ``position_mm``: commanded positions of the input axis; ``off_um``, ``on_um``: actual position
     of the output axis there, in its + direction, from any common zero. The run must reach the
-    reference, the top of the bump and the end beyond it; raises ``DataError`` else.
+    reference, the top of the bump and the end beyond it; otherwise `DataError` is raised.
     """
     table = test.tables[-1]
     moved = _from_reference(test, position_mm, np.asarray(on_um) - np.asarray(off_um))
@@ -263,7 +267,9 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
 
 
 def _cause(share: float) -> Message:
-    """Return the likely cause of a movement of the wrong size: the one whose factor is nearest."""
+    """Return the likely cause of a movement of the wrong size: the cause with the nearest
+    factor.
+    """
     factor = max(share, 1.0 / share)
     nearest, words = min(_CAUSES, key=lambda cause: abs(np.log(factor / cause[0])))
     if max(factor / nearest, nearest / factor) <= _ALIKE:

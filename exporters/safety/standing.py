@@ -2,8 +2,8 @@
 parts.
 
 A control discards nothing but overwritten tables. So the effect of an export is that of all tables
-that act afterwards, new and old, and an old table that goes on beside a new table of its function,
-or that vanishes unasked, stops the export.
+that act afterwards, new and old; an old table that stays active beside a new table of its function,
+or whose correction is lost without a request, stops the export.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,7 +18,7 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, same_lever, summed_um
 
 NOTHING_UM = 1.0
-"""A slope or an end that is lost is worth a warning from here on."""
+"""The loss of a slope or of an end causes a warning if it exceeds this value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,15 +33,16 @@ class Standing:
 
     @property
     def staying(self) -> tuple[Table, ...]:
-        """Return what acts afterwards and was not written by the new files."""
+        """Return the active tables after loading that the new files did not write."""
         written = {table.identity for table in self.new}
         return tuple(
             table for table in self.after if table.identity not in written and table.value_um.any()
         )
 
     def lost(self) -> tuple[Table, ...]:
-        """Return the tables of before whose function nothing serves any more, or serves otherwise
-        although the new files do not name it."""
+        """Return the earlier tables whose function no table corrects any more, or corrects in
+        another way although the new files do not name it.
+        """
         named, held = {table.name for table in self.new if table.value_um.any()}, self.staying
         return tuple(
             old
@@ -50,15 +51,16 @@ class Standing:
         )
 
     def foreign(self) -> tuple[Table, ...]:
-        """Return what stays without having acted so before: a table that multiplied another, or
-        whose numbers are partly overwritten."""
+        """Return the remaining tables that did not act in this way before: a table that multiplied
+        another, or whose numbers are partly overwritten.
+        """
         return tuple(table for table in self.staying if not _stands(table, self.before))
 
     def acting(
         self, result: Result, profile: Profile
     ) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables whose effect on the error of a result is to be predicted, and the
-        tables active during its measurement.
+        """Return the tables whose effect on the error of a result must be predicted, and the tables
+        active during its measurement.
 
         An old table that stays on a machine measured without it counts if the result identifies its
         function.
@@ -74,8 +76,8 @@ class Standing:
 
 
 def identifies(result: Result, table: Table) -> bool:
-    """Return whether a result identifies every part of a table: its function, the slope in it, of a
-    product the angle.
+    """Return whether a result identifies every part of a table: its function, the slope in the
+    function, and the angle of a product.
     """
     if table.multiplier is not None:
         turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
@@ -100,7 +102,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     """Yield an error for every old table that would act unexpectedly, or would unexpectedly stop
     acting.
 
-    A warning for a new table without a slope, or with less reach, in place of an old table with
+    A warning for a new table without a slope, or with less reach, that replaces an old table with
     more.
     """
     asked = set(profile.machine.functions)
@@ -139,8 +141,9 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
 
 
 def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error where an old product, off while measuring, goes on beside a new curve: the
-    curve holds its part as well."""
+    """Yield an error where an old product that was off during the measurement stays active beside a
+    new curve: the curve also contains its part.
+    """
     lever = product.multiplier.axis if product.multiplier is not None else ""
     for table in new:
         alike = (
@@ -154,8 +157,9 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
 
 
 def _chosen(result: Result, table: Table) -> bool:
-    """Return whether a product that is lost was weighed against others: the prediction judges what
-    its loss does."""
+    """Return whether a lost product was compared with other products: then the prediction judges
+    the effect of its loss.
+    """
     return table.multiplier is not None and identifies(result, table)
 
 
@@ -189,7 +193,9 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
 
 
 def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning where the new table holds a shape alone and the old ones held a slope."""
+    """Yield a warning where the new table contains only a shape and the old tables contained a
+    slope.
+    """
     ends = table.position_mm[[0, -1]]
     rise_um = sum(
         float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old
@@ -210,8 +216,9 @@ def _stands(table: Table, among: Iterable[Table]) -> bool:
 
 
 def unchanged(now: Iterable[Table], then: Iterable[Table]) -> bool:
-    """Return whether tables move an axis as others did, to a unit of theirs and but for an origin,
-    where those of now have points."""
+    """Return whether tables move an axis like other tables, within one unit and except for an
+    origin, at the points of the present tables.
+    """
     every, rest = list(now), list(then)
     at = np.unique(np.concatenate([table.position_mm for table in every]))
     unit = max(table.quantum_um for table in (*every, *rest))

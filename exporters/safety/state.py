@@ -1,7 +1,7 @@
-"""Theory of operation: was the compensation on while the machine was measured? The data answer, not
-the statement alone.
+"""Theory of operation: the test whether the compensation was on while the machine was measured. The
+data decide together with the statement.
 
-An old table of a function was made of an error e, and may be k times of the right size today. The
+An old table of a function was made from an error e, and may have k times the right size today. The
 survey's finding for this function is
 
     measured = e (1 +- CHANGED)                 compensation off
@@ -12,20 +12,21 @@ so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k for "off
 uncertainty of its own from that of the result. The odds of "on" against "off" are the ratio of the
 likelihoods of all shares of a kind, integrated over k.
 
-A table of another machine, or of before a repair, shows any share (`ALIEN`), and a function unlike
-its own: the rest of the function beside the share exceeds CHANGED of e, evidence against both
-states. With the odds `ALIEN_ODDS` this holds for all tables of a kind, a third explanation, which
-takes the odds away if neither of the two fits; and for each table by itself with the probability
-`ALIEN_ODDS`, whatever the state: a single repaired function is no evidence about the others.
+A table of another machine, or from before a repair, has any share (`ALIEN`), and a function unlike
+its own: the rest of the function beside the share exceeds CHANGED of e, which is evidence against
+both states. With the odds `ALIEN_ODDS` all tables of a kind come from such a source: this third
+explanation takes the odds away if neither of the two states fits. With the probability `ALIEN_ODDS`
+a single table does, whatever the state: a single repaired function is no evidence about the others.
 
-A single table among several that fits the other state, for the size shown by the others, is a
-forgotten switch: a question that names it.
+If a single table among several fits the other state, for the size shown by the others, its switch
+was forgotten: a question names this table.
 
-A statement with odds of `CERTAIN` against it is refused, with odds of `CERTAIN` for it is shown by
-the data. Between the two the data do not decide: a table of twice the size that is off and a table
-of two thirds that is on show the same share. With odds of `DOUBTED` against it, and for a single
-table in the other state, a person is asked; in any case the prediction is a promise only after a
-proof run. Functions are judged by kind of table, so that a single forgotten switch shows.
+A statement with odds of `CERTAIN` against it is refused; a statement with odds of `CERTAIN` for it
+counts as shown by the data. Between the two the data do not decide: a table of twice the size that
+is off and a table of two thirds that is on show the same share. With odds of `DOUBTED` against it,
+and for a single table in the other state, a person is asked; in any case the prediction is a
+promise only after a proof run. Functions are judged by kind of table, so that a single forgotten
+switch can be found.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -59,16 +60,21 @@ SEEN = 0.3
 uncertainty.
 """
 CERTAIN, DOUBTED = 20.0, 4.0
-"""Odds that decide, as a name of a cause needs them; odds against a statement from which on a
-person is asked."""
+"""Odds that decide, as for the name of a cause; and odds against a statement above which a person
+is asked.
+"""
 FEWEST_BESIDE = 2
-"""So many other tables of a kind have to show the size before one of them is judged by itself."""
+"""Number of other tables of a kind that must show the size before one of them is judged by
+itself.
+"""
 CONTRADICTED: Final = "compensation-contradicted"
 UNPROVEN: Final = "compensation-contradicted.unproven"
-"""The code of every sentence about the state, and the key of what only a proof run decides."""
+"""The code of every sentence about the state, and the key of the finding that only a proof run
+decides.
+"""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
-"""Standard deviation of the share of a table of something else, and the odds of such a table beside
-a state.
+"""Standard deviation of the share of a table from another source, and the odds of such a table
+relative to a state.
 """
 _LOG_K = np.linspace(-1.0, 1.0, 81)
 
@@ -124,8 +130,9 @@ def shares(result: Result, tables: Sequence[Table]) -> list[Share]:
 
 
 def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Share | None:
-    """Return the share of the old tables of a function: of a straightness without its slope, which
-    is a matter of the axes' directions."""
+    """Return the share of the old tables of a function; for a straightness, without its slope,
+    which depends on the directions of the axes.
+    """
     if function.value is None or function.u is None or len(function.value) < 2:
         return None
     at = function.position_mm
@@ -177,7 +184,8 @@ def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table
 
 def _lines_urad(result: Result, name: str) -> tuple[float, float]:
     """Return the turn of the best lines of both straightnesses of a squareness with its standard
-    uncertainty: a control with one slope a pair holds them beside it."""
+    uncertainty: a control with one slope for each pair holds these lines.
+    """
     turned, variance = 0.0, 0.0
     for function, sign in SQUARENESS_SLOPE[name].items():
         found = result.errors.get(function)
@@ -256,12 +264,12 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
 
 
 def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
-    """Return the tables of a group, few among the others, that were in the other state than
-    ``acted`` while all the others show ``acted``.
+    """Return the tables of a group, a minority, that were in the other state than ``acted`` while
+    all the others show ``acted``.
 
     The others show the size of the tables; the state of a single table is compared for this size,
-    and its other state has odds of more than ``least``. A table that fits neither is of something
-    else. A squareness has no switch of its own.
+    and its other state has odds of more than ``least``. A table that fits neither state comes from
+    another source. A squareness has no switch of its own.
     """
     found = []
     for share in group.shares:
@@ -282,8 +290,9 @@ def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
 
 
 def states(result: Result, controller: Controller, profile: Profile) -> Iterator[Finding]:
-    """Yield what the data make of the statement about the machine's own tables: those that acted,
-    and those that their switches held back while others acted (`state_findings`)."""
+    """Yield the findings of the data about the statement on the machine's own tables: the active
+    tables, and the tables that were switched off while others were active (`state_findings`).
+    """
     acting = controller.standing(profile.existing, (), profile) if profile.existing else ()
     yield from state_findings(result, acting, profile.machine.measured_with)
     if profile.machine.measured_with == "on":
@@ -295,9 +304,11 @@ def states(result: Result, controller: Controller, profile: Profile) -> Iterator
 
 
 def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
-    """Yield, for each kind of table, what the data make of the statement about the compensation
-    ("on" or "off"): an error where they contradict it, a warning where they doubt it or show a
-    single table in the other state, and the warning `UNPROVEN` where they do not show it."""
+    """Yield, for each kind of table, the finding of the data about the statement on the
+    compensation ("on" or "off"): an error where the data contradict it, a warning where they make
+    it doubtful or show a single table in the other state, and the warning `UNPROVEN` where they do
+    not confirm it.
+    """
     for group in judged(shares(result, tables)):
         each = [
             message("share-of-table", name=share.name, share=share.value) for share in group.shares
@@ -332,6 +343,7 @@ def _key(
 
 
 def proof_needed(findings: Iterable[Finding]) -> bool:
-    """Return whether the data leave open which tables acted while measuring: then a proof run
-    decides, and no figure of the prediction is a promise before it."""
+    """Return whether the data leave open which tables were active during the measurement: then a
+    proof run decides, and no figure of the prediction is a promise before it.
+    """
     return any(each.code == CONTRADICTED for each in findings)

@@ -1,9 +1,9 @@
-"""Effect of the files: parsed as written, applied by the control's law, against the error field of
-the result.
+"""Effect of the files: they are parsed as written, applied by the control's law, and compared with
+the error field of the result.
 
-The field comes from the solver's rigid-body model with its Abbe arms; the correction comes from
-nothing but the bytes of the files. Statistics are given twice: counted from the low corner of the
-volume, and without the best fitting rigid motion, which depends on the place of the workpiece.
+The field comes from the solver's rigid-body model with its Abbe arms; the correction comes only
+from the bytes of the files. Statistics are given twice: counted from the low corner of the volume,
+and without the best fitting rigid motion, which depends on the place of the workpiece.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -45,7 +45,7 @@ from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
 
 Correction = Callable[[Vector], Vector]
-"""Commanded points (N, 3) in mm to what is added there in um."""
+"""A function from commanded points (N, 3) in mm to the correction there in um."""
 STRETCH: Final = "stretch-worse"
 CLEARLY = 1.02
 ROUNDING_UM = 0.3
@@ -86,14 +86,15 @@ class Effect:
         return self.rest_um(self.before_um), self.rest_um(self.after_um)
 
     def rest_um(self, errors_um: Vector) -> Vector:
-        """Return errors at the points less the rigid motion that fits them best."""
+        """Return errors at the points without the rigid motion that fits them best."""
         return without_rigid_motion(self.volume, self.points_mm, errors_um)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """The effect ``anywhere`` in the volume, which every figure and every refusal is of, and at the
-    points that are ``drawn``."""
+    """The effect ``anywhere`` in the volume, to which every figure and every refusal refers, and at
+    the points that are ``drawn``.
+    """
 
     anywhere: Effect
     drawn: Effect
@@ -113,20 +114,24 @@ class Prediction:
 
     @property
     def worse(self) -> bool:
-        """Return whether the machine errs more with the files than without, rigid motion
-        removed."""
+        """Return whether the error of the machine is larger with the files than without, rigid
+        motion removed.
+        """
         before, after = self.figures(rigid_motion=False)
         return after.largest_um > before.largest_um
 
     @property
     def clearly_worse(self) -> bool:
-        """Return whether the machine errs more with the files by more than rounding can do."""
+        """Return whether the machine's error with the files increases by more than rounding can
+        cause.
+        """
         before, after = self.figures(rigid_motion=False)
         return after.rms_um > before.rms_um * CLEARLY + ROUNDING_UM
 
     def picture(self) -> dict[str, list[list[float]]]:
-        """Return plain lists for a plot: points in mm, error vectors before and after in um without
-        rigid motion."""
+        """Return plain lists for a plot: points in mm, error vectors before and after in um,
+        without rigid motion.
+        """
         before, after = self.drawn.errors_um(rigid_motion=False)
         return {
             "points_mm": self.drawn.points_mm.tolist(),
@@ -154,7 +159,8 @@ class Verification:
     @property
     def right(self) -> bool:
         """Return whether the files may be loaded: no table is wrong or beyond a limit, and the
-        machine does not get worse."""
+        machine does not become worse.
+        """
         within = all(finding.severity != "error" for finding in self.findings)
         return (
             within
@@ -164,8 +170,9 @@ class Verification:
 
     @property
     def verdict(self) -> Literal["right", "wrong", "undecided"]:
-        """Return the verdict on all files: right files whose old tables may have acted otherwise
-        than stated are undecided until a proof run."""
+        """Return the verdict on all files: right files whose old tables may have had another state
+        than stated are undecided until a proof run.
+        """
         if not self.right:
             return "wrong"
         return "undecided" if proof_needed(self.findings) else "right"
@@ -190,11 +197,11 @@ def predict(
 
 
 def _steps_unseen(volume: Volume, replaced: Sequence[Table]) -> Correction | None:
-    """Return what the steps of tables that were active while measuring do between the targets,
-    where the survey did not see them.
+    """Return the effect of the steps of tables that were active during the measurement between the
+    targets, where the survey did not see them.
 
-    The survey's straight lines from target to target hold the steps as they happened to stand
-    there; None where no table steps.
+    The survey's straight lines from target to target contain the steps only at the targets; None if
+    no table has steps.
     """
     stepped = [table for table in replaced if table.law.between == "stepped"]
     if not stepped:
@@ -221,13 +228,13 @@ def predict_moved(
     unseen: Correction | None = None,
 ) -> Prediction:
     """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced``
-    acted while measuring.
+    was active during the measurement.
 
-    ``unseen`` is the known movement between the targets then.
+    In this case ``unseen`` is the known movement between the targets.
 
     The errors are drawn on a grid. Promises and refusals hold for a tool anywhere in the volume,
-    like the result's own prediction: a grid has a good part of its points on the faces, where
-    straightness is zero by definition, and its mean square is up to a tenth too small.
+    like the result's own prediction: many points of a grid lie on the faces, where straightness is
+    zero by definition, so its mean square is up to a tenth too small.
     """
 
     def added(points_mm: Vector) -> Vector:
@@ -316,8 +323,9 @@ def _standing(
     tables: tuple[Table, ...],
     profile: Profile,
 ) -> Standing:
-    """Return what stands in the control before and after loading; without files of its own, what
-    was read."""
+    """Return the control's contents before and after loading; without own files, the contents that
+    were read.
+    """
     if not profile.existing:
         return Standing(after=tables, new=tables)
     tables_in(controller, profile.existing, profile)
@@ -328,8 +336,9 @@ def _standing(
 def worse_findings(
     prediction: Prediction, standing: Standing, result: Result, profile: Profile
 ) -> Iterator[Finding]:
-    """Yield an error where the machine would err clearly more after loading than while it was
-    measured, or with its old tables."""
+    """Yield an error if the machine would have clearly larger errors after loading than during the
+    measurement, or than with its old tables.
+    """
     before, after = (figures.rms_um for figures in prediction.figures(rigid_motion=False))
     then = message("while-measured")
     old = (
@@ -349,8 +358,9 @@ def worse_findings(
 
 
 def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
-    """Yield a warning for each stretch of an axis in which the files make the machine worse by the
-    prediction, though not as a whole, and for functions that are unknown between the targets.
+    """Yield a warning for each stretch of an axis in which, by the prediction, the files make the
+    machine worse although they improve the whole, and for functions that are unknown between the
+    targets.
     """
     effect = prediction.anywhere
     if not prediction.clearly_worse:
@@ -400,8 +410,9 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
 
 
 def controller_for(files: Sequence[ControlFile]) -> Controller:
-    """Return the control whose profile goes with files; a lattice alone is that of LinuxCNC's
-    kinematics component."""
+    """Return the control for which the profile of files is written; a lattice alone belongs to
+    LinuxCNC's kinematics component.
+    """
     return LinuxCnc() if len(files) == 1 and lattice.recognises(files[0]) else controller_of(files)
 
 

@@ -113,8 +113,8 @@ def _table(
 
 
 def _times(item: Assignment | None) -> dict[str, int]:
-    """Return the index of the table that multiplies this table, from the number in the file;
-    nothing for 0.
+    """Return the index of the table that multiplies this table, from the number in the file; None
+    for 0.
     """
     number = 0 if item is None else whole(item.value, item.where)
     if item is not None and number < 0:

@@ -2,8 +2,8 @@
 squareness.
 
 A curve corrected per direction of travel goes into two CEC tables with DIRECTION 1 and -1, also for
-a positioning error (K3 p. 264: the same axis as base and compensated axis). Everything else about
-the formats is in ``siemens_eec`` and ``siemens_cec``.
+a positioning error (K3 p. 264: the same axis as base and compensated axis). `siemens.eec` and
+`siemens.cec` contain the other facts about the formats.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,7 +37,9 @@ from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
-"""Points of a table, or a number of one: far above what the machine data allow."""
+"""Largest number of points of a table, and largest table number: far above the limits of the
+machine data.
+"""
 
 
 class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -60,7 +62,9 @@ class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 
 _WORTH_SAYING_UM = 0.3
-"""Least effect of products in um for an offer: about the uncertainty of a good survey."""
+"""Smallest effect of products in um for which they are offered: about the uncertainty of a good
+survey.
+"""
 _TEMPLATE = """\
 [siemens]
 # 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
@@ -101,12 +105,15 @@ class Siemens:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> SiemensOptions:
-        """Return the options of a quick look: first measuring system, CEC tables from index 0."""
+        """Return the options of a provisional export: first measuring system, CEC tables from index
+        0.
+        """
         return SiemensOptions(measuring_system=1)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return MD38000, MD18342, the number of CEC tables and the slope that MD32730 lets pass,
-        as the profile gives them."""
+        """Return MD38000, MD18342, the number of CEC tables and the largest slope by MD32730, from
+        the profile.
+        """
         options = profile.options_as(SiemensOptions)
         if table.kind == eec.KIND:
             return Limits(points=options.eec_points.get(table.input_axis))
@@ -120,15 +127,16 @@ class Siemens:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers
-        given out in order."""
+        """Return EEC tables for positioning errors and CEC tables for the rest, with CEC table
+        numbers assigned in order.
+        """
         return self._numbered_plan(curves, (), profile, ())
 
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the same, and products after them: as many of both as the control has tables, the
-        most valuable first.
+        """Return the same tables, and products after them: as many of both as the control has
+        tables, the most valuable first.
         """
         options = profile.options_as(SiemensOptions)
         if not options.products:
@@ -179,7 +187,8 @@ class Siemens:
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
         """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and
-        ``LOAD_CEC.MPF`` that write the same."""
+        ``LOAD_CEC.MPF`` that write the same values.
+        """
         options = profile.options_as(SiemensOptions)
         acted, held = profile.machine.measured_with == "on", restore.held_lines(profile)
         eec_loads = [
@@ -216,8 +225,9 @@ class Siemens:
         return tuple(files)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in data files and part programs; the same table in two files must be
-        the same."""
+        """Return the tables in data files and part programs; a table in two files must have equal
+        values.
+        """
         found: dict[tuple[str, str], tuple[Table, str]] = {}
         for file in files:
             tables = self._numbered_in(file, profile)
@@ -273,7 +283,8 @@ class Siemens:
         self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
     ) -> tuple[Table, ...]:
         """Return zeros for old tables of the same functions under other numbers, and for tables
-        that multiplied what is overwritten."""
+        that multiplied an overwritten table.
+        """
         held = {_seat(table): table for file in own for table in self._numbered_in(file, profile)}
         taken = {_seat(table) for table in numbered(tables)}
         names = {table.name for table in tables}
@@ -308,8 +319,9 @@ class Siemens:
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own files, zeros for the tables they lack, and part programs that load the
-        same and switch off what was not there."""
+        """Return the own files, zeros for the tables that they lack, and part programs that load
+        the same and switch off the tables that were not there.
+        """
         options = profile.options_as(SiemensOptions)
         of_screws = [table for table in tables if table.kind == eec.KIND]
         others = [table for table in tables if table.kind != eec.KIND]
@@ -332,12 +344,13 @@ class Siemens:
         return read_back.switches(tables, profile)
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the same of files that were read out."""
+        """Return the same data from files that were read out."""
         return read_back.held_switches(files)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file assigns EEC or CEC variables: the program that reads them out
-        does not."""
+        """Return whether the file assigns EEC or CEC variables; the program that reads them out
+        does not.
+        """
         return file.name != read_back.NAME and (
             b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data
         )
@@ -409,8 +422,9 @@ def _seat(table: Table) -> tuple[str, str]:
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table is of the measuring system in use; without a profile that is
-    unknown."""
+    """Return whether a table belongs to the measuring system in use; without a profile this is
+    unknown.
+    """
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
 
@@ -508,8 +522,9 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:
-    """Raise ``DataError`` for a table that its own part program switches off or weighs; zeros are
-    the same either way."""
+    """Raise ``DataError`` for a table that its own part program switches off or weights; tables of
+    zeros are exempt.
+    """
     if not is_program(file) or not table.value_um.any():
         return
     if table.kind == eec.KIND:

@@ -4,7 +4,7 @@ and write them.
 A data file is ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments, ``M17``
 (controllers.md 3.1, 3.2: manual samples and a production archive, which has no ``%`` line and
 starts with ``METRIC``). Comments begin with ``;``. A part program holds the same assignments among
-statements; its loops zero surplus points and are passed over here.
+statements; its loops set surplus points to zero and are skipped here.
 """
 
 import re
@@ -32,7 +32,7 @@ _COMPENSATION = ("AA_ENC_COMP", "AN_CEC")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assignment:
-    """``$name[index] = value`` with the place where it stands, for messages."""
+    """``$name[index] = value`` with its place, for messages."""
 
     name: str
     index: tuple[str, ...]
@@ -44,7 +44,7 @@ class Assignment:
         return finite(self.value, self.where)
 
     def text(self) -> str:
-        """Return the assignment as it stands in a file."""
+        """Return the assignment as written in a file."""
         return f"${self.name}[{','.join(self.index)}]={self.value}"
 
     def axis(self) -> str:
@@ -68,14 +68,14 @@ def data_file(
 
 
 def is_program(file: ControlFile) -> bool:
-    """Return whether the file is a part program, by what it was rendered as or by its ending."""
+    """Return whether the file is a part program, by its kind in the export or by its ending."""
     return file.role == "program" or file.name.upper().endswith((".MPF", ".SPF"))
 
 
 def read_assignments(file: ControlFile) -> list[Assignment]:
     """Return the EEC and CEC assignments of a data file or part program, in order.
 
-    Raises ``DataError`` with the line for anything that a data file cannot hold, for inches, and
+    Raises ``DataError``, with the line, for a line that a data file cannot hold, for inches, and
     for a file without its end.
     """
     program = is_program(file)
@@ -125,10 +125,10 @@ def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
 def require_full_effect(
     file: ControlFile, table: Message, switches: Iterable[str], weight: str
 ) -> None:
-    """Raise ``DataError`` if a part program leaves a table with values switched off, or weighs it.
+    """Raise ``DataError`` if a part program leaves a table with values switched off, or weights it.
 
     ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``;
-    the last assignment counts.
+    the last assignment is valid.
     """
     last: dict[str, tuple[str, str]] = {}
     for where, line in _lines(file):
@@ -170,9 +170,9 @@ def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
 def grid_mm(start: float, step: float, end: float, written: int, where: str) -> list[float]:
     """Return the positions of a table in the control, ``end`` included.
 
-    A table made elsewhere may end between two points (controllers.md 3.2, MAX 950 with STEP 100):
-    its last position is then the end. Raises ``DataError`` for an impossible grid, or a grid that
-    needs more than the ``written`` points.
+    A table from another program may end between two points (controllers.md 3.2, MAX 950 with STEP
+    100): its last position is then the end. Raises ``DataError`` for an impossible grid, or a grid
+    that needs more than the ``written`` points.
     """
     if step <= 0 or end <= start:
         raise DataError(

@@ -24,17 +24,18 @@ _REFUSALS = {
     "READ IT OUT",
 }
 _DIGIT_MM = 1e-5
-"""Values may differ by the digit that archives leave out."""
+"""Largest difference of values, caused by the digit that archives leave out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """One table to be loaded: its assignments, points first, whether it is to act afterwards, and
-    with which weight (CEC).
+    """One table to load: its assignments, points first, whether it becomes active, and its weight
+    (CEC).
 
-    ``held`` are the assignments that the machine's own files have for it: the program writes only
-    where the control holds these values or already the new ones. None: whatever it holds.
-    ``acted``: these acted while measuring, so that they are on and have the weight 1.
+    ``held`` are the assignments for it in the machine's own files: the program writes only where
+    the control holds these values or already the new ones. None: the program writes over any
+    values. ``acted``: these tables were active during the measurement, so they are on and have the
+    weight 1.
     """
 
     table: Table
@@ -46,7 +47,9 @@ class Load:
 
 
 def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_EEC.MPF`` for EEC tables; a table that is not to act stays switched off."""
+    """Return ``LOAD_EEC.MPF`` for EEC tables; a table that must not be active stays switched
+    off.
+    """
     keys = [
         f"{int(load.table.place['measuring system']) - 1},{load.table.place['axis']}"
         for load in loads
@@ -78,8 +81,8 @@ def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
 
 
 def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_CEC.MPF`` for CEC tables; a table that is not to act stays switched off, and so
-    does an axis without active tables.
+    """Return ``LOAD_CEC.MPF`` for CEC tables; a table that must not be active stays switched off,
+    and so does an axis without active tables.
     """
     tables = [load.table for load in loads]
     outputs = {
@@ -124,8 +127,10 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
 
 
 def _known(variable: str, size: str, load: Load) -> list[str]:
-    """Return the lines that leave a program where the control holds neither the old values nor the
-    new ones: sums of values times their number from 1, which an exchange of two changes as well."""
+    """Return the lines that end a program where the control holds neither the old values nor the
+    new ones. They compare sums of values times their number from 1, which also change when two
+    values are exchanged.
+    """
     if load.held is None:
         return []
     least = _DIGIT_MM * len(load.table.position_mm) ** 2
@@ -138,8 +143,9 @@ def _known(variable: str, size: str, load: Load) -> list[str]:
 
 
 def _acted(load: Load, *unlike: str) -> list[str]:
-    """Return the lines that leave a program where a table that acted while measuring does not act
-    now."""
+    """Return the lines that end a program where a table that was active during the measurement is
+    inactive now.
+    """
     return [f"IF {state} GOTOF OTHER_TABLES" for state in unlike if load.acted and load.held]
 
 
@@ -151,13 +157,14 @@ def _weighed_mm(assignments: Sequence[str]) -> float:
 
 
 def _points(assignments: Sequence[str]) -> int:
-    """Return how many point values the assignments write: they come first, the grid after them."""
+    """Return the number of point values in the assignments: they come first, then the grid."""
     return sum(line.startswith(_POINTS) for line in assignments)
 
 
 def _zero_surplus(variable: str, size: str, written: int) -> list[str]:
-    """Return the loop that zeroes the points above the table, which would keep old values (K3,
-    CAUTION)."""
+    """Return the loop that sets the points above the table to zero, which would keep old values
+    (K3, CAUTION).
+    """
     return [f"FOR POINT={written} TO {size}-1", f"{variable}=0", "ENDFOR"]
 
 

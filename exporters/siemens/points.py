@@ -1,5 +1,4 @@
-"""Points and grid of one table, which EEC and CEC write and read alike (function manual K3 pp.
-237-264)."""
+"""Points and grid of one table, common to EEC and CEC (function manual K3 pp. 237-264)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -3,10 +3,10 @@
 Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
 output axis (p. 245), and ``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by
 which table t is multiplied (p. 249). In the example of p. 252 a tilt along X1, times a straight
-line along Z1, is the only cause of X1's movement: two linked tables give their product and nothing
-of their own. The manual does not state this explicitly. So both tables hold about as much, a tenth
-of a millimetre, and not an error beside a factor of one: on a control that adds the tables
-themselves the sign test moves the axis by this much, reports it, and breaks nothing.
+line along Z1, is the only cause of X1's movement: so two linked tables give their product and no
+movement of their own. The manual does not state this explicitly. So both tables have similar
+values, a tenth of a millimetre, instead of an error and a factor of one. On a control that adds the
+tables themselves, the sign test moves the axis by this amount and reports it, without damage.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,14 +31,17 @@ LEVER_MM = 0.1
 value, in millimetres.
 """
 _MOST = 12
-"""Products weighed against each other: more than the useful angles of a machine with three axes."""
+"""Largest number of products compared with each other: more than the useful angles of a machine
+with three axes.
+"""
 
 
 def product_table(
     product: Product, profile: Profile, law: Law, decimals: int, place: Mapping[str, int | str]
 ) -> Table:
-    """Return the table of a product on the grids of its two axes, to the resolution that both
-    tables have."""
+    """Return the table of a product on the grids of its two axes, to the common resolution of both
+    tables.
+    """
     grid, by = profile.grid_mm(product.input_axis), profile.grid_mm(product.by_axis)[[0, -1]]
     lever = (by - product.middle_mm) / product.half_mm
     largest = float(np.max(np.abs(lever)))
@@ -63,8 +66,8 @@ def product_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """The choice for the tables of a control: names of the curves that stay, the products, and the
-    parts left out.
+    """The selection for the tables of a control: names of the curves that stay, the products, and
+    the parts left out.
     """
 
     curves: tuple[str, ...]
@@ -83,7 +86,7 @@ def chosen(
 
     ``tables_of`` gives the number of CEC tables of each curve. A product takes a table, and another
     for its lever, shared by products of the same lever and output axis. Omitted orthogonal parts
-    add up in squares: the choice leaves the least sum.
+    add up in squares: the selection with the smallest sum is used.
     """
     given = [product for product in products[:_MOST] if product.rms_um > 0.0]
     worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}
@@ -108,15 +111,16 @@ def chosen(
 
 
 def taken_by(products: Sequence[Product]) -> int:
-    """Return how many tables these products take, levers included."""
+    """Return the number of tables needed by these products, levers included."""
     return len(products) + len({(product.by_axis, product.output_axis) for product in products})
 
 
 def _most_valuable(
     worth: Mapping[str, float], tables_of: Mapping[str, int], room: int | None
 ) -> tuple[str, ...] | None:
-    """Return the curves to keep in ``room`` tables, the most valuable a table first; None where
-    there is no room at all."""
+    """Return the curves to keep in ``room`` tables, the most valuable per table first; None without
+    any room.
+    """
     if room is None:
         return tuple(worth)
     if room < 0:
@@ -130,7 +134,7 @@ def _most_valuable(
 
 
 def _rms_um(curve: Curve) -> float:
-    """Return what the volume loses without the curve: its spread along its axis."""
+    """Return the loss over the volume without the curve: its spread along its axis."""
     at = np.linspace(curve.position_mm[0], curve.position_mm[-1], 201)
     return float(np.std(curve.at(at)))
 
@@ -139,8 +143,7 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
     """Return the tables by the control's numbers: a product as two, the first of which names the
     other as its multiplier.
 
-    A product whose multiplier is zero throughout, as restore files write it, is multiplied by
-    nothing.
+    A product whose multiplier is zero throughout, as restore files write it, has no multiplier.
     """
     found: list[Table] = []
     levers: dict[int, Table] = {}
@@ -176,7 +179,7 @@ def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
 
 
 def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
-    """Return the tables with every linked pair as a product; tables that only multiply are gone.
+    """Return the tables with every linked pair as a product, without the tables that only multiply.
 
     Raises ``DataError`` for a link to a missing table, to a linked table, or to a table that does
     not move the same axis.

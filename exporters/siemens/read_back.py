@@ -4,7 +4,7 @@ switches and weight, as assignments.
 Its file has the form of a data file, so that every reader of the machine's own files reads it.
 WRITE appends a line to a file of the passive file system, no longer than MD11420 allows (NC
 Programming, SINUMERIK ONE, p. 566); the number of digits of a number joined to a text by "<<" is
-not stated there. DELETE with a fault and a path is read in a published program for the 810D
+not stated there. DELETE with a fault and a path is taken from a published program for the 810D
 (industrialmonitordirect.com, deleting programs with an invalid name). An axis is compared with each
 axis of the machine, for == and <> hold for the type AXIS too (Job Planning, 828D,
 6FC5398-2BP40-0BA0, p. 66): the file names the axis that the control holds.
@@ -29,8 +29,8 @@ _LOGICAL = {"TRUE": "1", "FALSE": "0"}
 
 
 def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
-    """Return the part program for the tables of an export; the program changes nothing in the
-    control but its own file.
+    """Return the part program for the tables of an export; the program changes only its own file in
+    the control.
     """
     body = [line for table in numbered(tables) for line in _of_table(table, profile)]
     head = [
@@ -111,8 +111,9 @@ def _write(text: str) -> str:
 
 
 def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
-    """Return what the switches and weights are once the loading programs have run, by variable with
-    its index."""
+    """Return the switches and weights after the loading programs have run, by variable with its
+    index.
+    """
     wanted = {}
     for table in numbered(tables):
         if table.kind == eec.KIND:

@@ -1,10 +1,10 @@
-"""Back to where a SINUMERIK was: the own tables, and zeros, switched off, at every place that they
-leave empty.
+"""Back to the earlier state of a SINUMERIK: the own tables, and zeros, switched off, at every place
+that they leave empty.
 
-A table that the control never had does not vanish because older files are loaded: it would act on
-beside them. So the restore files name every table that an export writes: as data files (the
-machine's own bytes, and a file of zeros beside them) and as part programs with the guards of
-`stepdiag.exporters.siemens.loader`, which also switch off what was not there.
+A table that the control never had does not disappear when older files are loaded: it would remain
+active beside them. So the restore files name every table that an export writes. They are data files
+(the machine's own bytes, and a file of zeros) and part programs with the guards of
+`stepdiag.exporters.siemens.loader`, which also switch off the tables that were not there.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -33,7 +33,9 @@ OFF = ("0", "FALSE")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """EEC or CEC: its variables, its data file, its own tables and the zeros for what they lack."""
+    """The data of EEC or CEC: variables, data file, own tables, and the zeros for missing
+    tables.
+    """
 
     prefix: str
     data_name: str
@@ -44,8 +46,9 @@ class Kind:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Old:
-    """Switches and weights of the machine's own tables before the loading: as its files hold them,
-    else as the profile states them."""
+    """Switches and weights of the machine's own tables before the loading: from its files, or else
+    from the profile.
+    """
 
     profile: Profile
     enabled: bool | None
@@ -54,9 +57,10 @@ class Old:
     def load(
         self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = ""
     ) -> Load:
-        """Return a table as it was: on where all its ``switches`` were. Raises ``SafetyError``
-        (``profile-incomplete.switches``) where neither files nor profile state it, ``UsageError``
-        for a table that acted with another weight than 1."""
+        """Return a table in its earlier state: on if all its ``switches`` were on. Raises
+        ``SafetyError`` (``profile-incomplete.switches``) where neither files nor profile state the
+        switches, ``UsageError`` for a table that was active with a weight other than 1.
+        """
         held = switches_in(self.profile.existing)
         values = [held[name] for name in switches if name in held]
         off, known = any(value in OFF for value in values), len(values) == len(switches)
@@ -98,8 +102,9 @@ class Old:
 def restore_files(
     kinds: Sequence[Kind], profile: Profile, *, metric_line: bool
 ) -> tuple[ControlFile, ...]:
-    """Return the own files, those of zeros, and the part programs that load the same; ``kinds`` are
-    those that an export writes."""
+    """Return the own files, the files of zeros, and the part programs that load the same; ``kinds``
+    are the kinds of table that an export writes.
+    """
     files = list(profile.existing)
     for kind in kinds:
         made = [_zero_file(files, kind, metric_line=metric_line)] if kind.zeros else []
@@ -109,7 +114,7 @@ def restore_files(
 
 
 def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old) -> Kind:
-    """Return the EEC tables of an export beside those in the machine's own files."""
+    """Return the EEC tables of an export and those of the machine's own files."""
     own = {
         _eec_place(table): table
         for file in profile.existing
@@ -135,7 +140,7 @@ def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old)
 def cec_kind(
     tables: Sequence[Table], profile: Profile, decimals: int, old: Old, *, sense: Sense
 ) -> Kind:
-    """Return the CEC tables of an export beside those in the machine's own files."""
+    """Return the CEC tables of an export and those of the machine's own files."""
     own = {
         _cec_place(table): table
         for file in profile.existing
@@ -167,8 +172,9 @@ def cec_kind(
 
 
 def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bool:
-    """Return whether the own files hold a table as switched off while others acted; the axes
-    ``enabled`` are on for CEC whatever the files hold."""
+    """Return whether the own files hold a table as switched off while others were active; the axes
+    ``enabled`` are on for CEC whatever the files hold.
+    """
     if profile.machine.measured_with == "off":
         return False
     if table.kind == eec.KIND:
@@ -182,8 +188,9 @@ def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bo
 
 
 def held_lines(profile: Profile) -> Callable[[Table], list[str]]:
-    """Return what gives the assignments of the machine's own files at the place of a table; none
-    where they have none."""
+    """Return the function that gives the assignments of the machine's own files at the place of a
+    table; none where they have none.
+    """
     eec_lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
     cec_lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
 
@@ -210,8 +217,9 @@ def _cec_place(table: Table) -> str:
 def _lines_by_place(
     files: Sequence[ControlFile], prefix: str, place_of: Callable[[tuple[str, ...]], str]
 ) -> dict[str, list[str]]:
-    """Return the assignments of each table as they stand in the own files, points before grid; the
-    first file that holds a table counts."""
+    """Return the assignments of each table as written in the own files, points before grid; the
+    first file with a table is used.
+    """
     found: dict[str, list[str]] = {}
     for file in files:
         here: dict[str, list[Assignment]] = {}
@@ -226,8 +234,9 @@ def _lines_by_place(
 
 
 def _zero_file(files: Sequence[ControlFile], kind: Kind, *, metric_line: bool) -> ControlFile:
-    """Return the zeros as a data file, under the usual name where the machine has none of this
-    kind."""
+    """Return the zeros as a data file, under the usual name if the machine has no file of this
+    kind.
+    """
     beside_own = any(
         not is_program(file) and f"${kind.prefix}".encode() in file.data for file in files
     )

@@ -1,4 +1,4 @@
-"""Angles as columns of their own, for controls with the chain of the axes that turn the parts on an
+"""Angles as separate columns, for controls that know the chain of the axes and turn the parts on an
 axis by its angles.
 
 Such a control moves the tool by ``alpha(a) x r``, with levers ``r`` from the zero of its axes. The
@@ -8,8 +8,8 @@ From the latter to the former, for an angle that is zero at the reference:
     g(a) (b - middle) = [g(a) - g(ref)] b  +  g(ref) b  -  g(a) middle
 
 The first summand is the column of the angle, the others are curves along b and along a. If the
-control counts the travel of an axis itself among the levers of its angles, its addition is taken
-off the curve.
+control counts the travel of an axis itself among the levers of its angles, this addition is
+subtracted from the curve.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,14 +30,14 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 COLUMN = "column"
 LEVER_MM = 100.0
-"""The lever for which the table of an angle gives its movement."""
+"""The lever at which the table of an angle states its movement."""
 _LETTERS, _TURNS = "XYZ", "ABC"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Angle:
-    """An angular function for a control: ``name`` such as EAX, on the grid of its axis, zero at the
-    reference.
+    """An angular function for a control: ``name``, such as EAX, on the grid of its axis, zero at
+    the reference.
     """
 
     name: str
@@ -47,22 +47,26 @@ class Angle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """The curves and angles of a machine; together they move the tool by the fit."""
+    """The curves and angles of a machine; together their movement of the tool is that of the
+    fit.
+    """
 
     curves: tuple[Curve, ...]
     angles: tuple[Angle, ...]
 
 
 def levers_of(chain: str, *, own: bool) -> Vector:
-    """Return which axes are levers of the angles of each axis, shape (axis, lever), 0 or 1;
-    ``own``: an axis that carries the work too."""
+    """Return the axes that are levers of the angles of each axis, shape (axis, lever), 0 or 1;
+    ``own`` also includes an axis that carries the work itself.
+    """
     mask = abbe_mask(chain)
     return mask if own else mask * (1.0 - np.eye(3))
 
 
 def require_chain(result: Result, profile: Profile) -> None:
-    """Raise ``UsageError`` where the profile states another chain than that of the result: the
-    angles would turn the wrong axes."""
+    """Raise ``UsageError`` where the profile states another chain than the result: the angles would
+    turn the wrong axes.
+    """
     stated = getattr(profile.options, "chain", None)
     if stated is not None and parse_chain(stated) != parse_chain(result.chain):
         raise UsageError(
@@ -77,8 +81,8 @@ def columns_of(
 ) -> Columns:
     """Return curves and angles for a control with these ``levers`` (`levers_of`).
 
-    Without curves (a sign test) the angles stand alone. Raises ``UsageError`` if a function needed
-    by the angles is missing, or a product has a lever unknown to the control.
+    Without curves (a sign test) only the angles are returned. Raises ``UsageError`` if a function
+    needed by the angles is missing, or a product has a lever unknown to the control.
     """
     missing = [
         name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}
@@ -150,8 +154,8 @@ def _move(
     by: int,
     middles: Mapping[str, float],
 ) -> None:
-    """Take off the curves the control's addition by an angle and the lever along ``by`` that the
-    fit does not contain.
+    """Subtract from the curves the control's addition by an angle and the lever along ``by`` that
+    the fit does not contain.
     """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for output in range(3):

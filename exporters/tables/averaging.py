@@ -1,4 +1,6 @@
-"""For tables without a direction of travel: the mean of both, with a remark about the rest."""
+"""For tables without a direction of travel: the mean of both directions, with a finding about the
+difference.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -14,7 +16,7 @@ from stepdiag.exporters.tables.sampling import is_directional
 
 
 def averaging(profile: Profile) -> Profile:
-    """Return the profile as if it asked for the mean of both directions."""
+    """Return the profile with the mean of both directions."""
     return replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
 
 
@@ -28,8 +30,9 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
-    """Yield ``function-left-out.no-table``: how much of each straightness curve, end-point line
-    apart, stays in the machine."""
+    """Yield ``function-left-out.no-table``: the part of each straightness curve, end-point line
+    apart, that stays in the machine.
+    """
     left = [
         message("so-much-of", name=curve.name, size_um=_straightness_um(curve))
         for curve in curves

@@ -1,7 +1,7 @@
-"""A control whose tables are keyed in by hand: a list per axis with the error in + and in -
-direction, declared rather than programmed.
+"""A control whose tables are typed in by hand: a list per axis with the error in + and in -
+direction, declared as data.
 
-Such controls differ in a name, a heading, a law and sizes (`AxisList`). No cross table:
+Such controls differ in a name, a heading, a law and sizes (`AxisList`). They have no cross table:
 straightness stays in the machine.
 """
 
@@ -30,7 +30,7 @@ from stepdiag.exporters.tables.tables import Law, Table
 
 
 class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A section with nothing to ask beyond the axes."""
+    """A section without questions other than the axes."""
 
 
 _MARK, _END = b"; rows to key in, up to the line that says end", b"; end"
@@ -38,12 +38,12 @@ _MARK, _END = b"; rows to key in, up to the line that says end", b"; end"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisList:
-    """Such a control as `exporters.tables.controller.Controller`.
+    """A control with typed lists as `exporters.tables.controller.Controller`.
 
     ``heading``: the three columns as the control names them, with semicolons between; ``decimals``:
-    of a position and an error in mm; ``points`` and ``value_um``: the most that a table holds;
-    ``steps``: what the person does who keys the lists in; ``remarks``: the remarks of every export
-    for this control, such as a fact derived and not read.
+    of a position and an error in mm; ``points`` and ``value_um``: the largest of a table;
+    ``steps``: the actions of the person who types the lists in; ``remarks``: the remarks of every
+    export for this control, such as a derived fact.
     """
 
     name: str
@@ -60,12 +60,12 @@ class AxisList:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the one kind of table."""
+        """Return the only kind of table."""
         return (self.kind,)
 
     @property
     def options_template(self) -> str:
-        """Return the section with its header alone."""
+        """Return the section, which consists of its header."""
         return f"[{self.name}]\n"
 
     @property
@@ -74,7 +74,7 @@ class AxisList:
         return float(10.0 ** (3 - self.decimals))
 
     def quick_options(self) -> NoOptions:
-        """Return the options of a quick look: there are none."""
+        """Return the options of a provisional export, of which there are none."""
         return NoOptions()
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
@@ -113,7 +113,7 @@ class AxisList:
         return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of such lists."""
+        """Return the tables of these lists."""
         return tuple(table for file in files for table in self._read(file, profile))
 
     def standing(
@@ -133,7 +133,7 @@ class AxisList:
         return self.heading.encode("ascii") in file.data
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the column of the table as it is keyed in."""
+        """Return the column of the table as text for typing in."""
         way = {0: "both directions", 1: "+ direction", -1: "- direction"}[table.direction]
         points = zip(table.position_mm, table.value_um, strict=True)
         rows = (

@@ -1,5 +1,5 @@
-"""The interface of every controller module: plan, render, parse, and the law by which its control
-applies a table.
+"""The interface of every controller module: plan, render, parse, and the law of its control for a
+table.
 
 curves --plan--> tables --render--> files          (export)
 files  --parse-> tables --law-----> correction     (verify, merge, sign test)
@@ -20,18 +20,19 @@ from stepdiag.exporters.tables.tables import Table
 
 PLAUSIBLE_SLOPE_UM_MM = 0.8
 """Largest plausible slope of a guideway or screw along its travel, for a control without a limit
-(controllers.md 10.4): 800 urad, twice what `exporters.tables.profile.WARN_UM_M` has for a whole
-axis, for straightness bends and holds the squareness too.
+(controllers.md 10.4): 800 urad, twice the limit for a whole axis in
+`exporters.tables.profile.WARN_UM_M`, because straightness bends and contains the squareness too.
 """
 PLAUSIBLE_STEP_UM = 6.0
-"""From one measured value to the next so much is plausible beside it, however close they are: peak
-to peak of a screw's waves of 3 um, or four times the scatter of a difference of two values on a
-poor machine."""
+"""Additional plausible change between two measured values, however close they are: peak to peak of
+a screw's waves of 3 um, or four times the scatter of a difference of two values on a poor machine.
+"""
 
 
 def plausible_slope_um_mm(measured_mm: float) -> float:
-    """Return the slope in um/mm from which on values measured every ``measured_mm`` are not
-    plausible."""
+    """Return the slope in um/mm from which values at a distance of ``measured_mm`` are not
+    plausible.
+    """
     return PLAUSIBLE_SLOPE_UM_MM + PLAUSIBLE_STEP_UM / measured_mm
 
 
@@ -39,13 +40,13 @@ def plausible_slope_um_mm(measured_mm: float) -> float:
 class Limits:
     """Limits of the control itself; None without a limit.
 
-    ``points``: most points in one table; ``neighbour_um``: largest change from point to point;
-    ``neighbour_um_mm``: the same per mm of spacing; ``value_um``: largest value; ``tables``: most
-    tables of a kind. ``slope_um_mm`` is the control's own limit of the slope, or "plausible"; None
-    if the control's limit of neighbours decides. ``reference_um`` is the table's intended value at
-    the reference, in place of another compensation of the control. ``ends_backlash``: the control's
-    own backlash compensation stops wherever this table acts, so the two cannot hold the reversal
-    error twice.
+    ``points``: largest number of points in a table; ``neighbour_um``: largest change from point to
+    point; ``neighbour_um_mm``: the same per mm of spacing; ``value_um``: largest value; ``tables``:
+    largest number of tables of a kind. ``slope_um_mm`` is the control's own limit of the slope, or
+    "plausible"; None if the control limits neighbouring values instead. ``reference_um`` is the
+    table's intended value at the reference, which replaces another compensation of the control.
+    ``ends_backlash``: the control's own backlash compensation stops wherever this table acts, so
+    the reversal error cannot be corrected twice.
     """
 
     points: int | None = None
@@ -62,9 +63,9 @@ class Limits:
 class Plan:
     """The tables of an export, with the remarks of the planning.
 
-    ``listed`` are tables without a file: they stand in the report, to be entered by hand.
-    ``options`` are the profile's with every choice of the planning, None without choices;
-    ``render`` and ``parse`` need them.
+    ``listed`` are tables without a file: the report shows them for entering by hand. ``options``
+    are the profile's options with every choice of the planning, None without choices; ``render``
+    and ``parse`` need them.
     """
 
     tables: tuple[Table, ...]
@@ -80,8 +81,8 @@ class Multiplying(Protocol):
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables for the curves, and for the products as far as the profile allows them
-        and the control has tables.
+        """Return the tables for the curves, and for the products that the profile allows and for
+        which the control has tables.
         """
 
 
@@ -91,22 +92,23 @@ class Pairing(Protocol):
     corrected without the other."""
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return functions with the partners of the functions with a squareness; ``fold`` names
-        these functions.
+        """Return the functions, with the partners of those that contain a squareness; ``fold``
+        names these functions.
         """
 
 
 @runtime_checkable
 class Emptying(Protocol):
-    """A control on which an old table that nothing overwrites can be emptied, so that the old table
-    does not act beside the new tables.
+    """A control on which an old table that no new table overwrites can be emptied, so that the two
+    do not act together.
     """
 
     def emptied(
         self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return tables of zeros for every seat of ``own`` from which something would act that
-        ``tables`` does not count on."""
+        """Return tables of zeros for every seat of ``own`` whose table would be active without
+        being included in ``tables``.
+        """
 
 
 @runtime_checkable
@@ -114,8 +116,9 @@ class Reporting(Protocol):
     """A control that can write out its contents."""
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the programs that write out what the control holds of these tables, switches and
-        weights included."""
+        """Return the programs that write out the control's contents of these tables, switches and
+        weights included.
+        """
 
 
 @runtime_checkable
@@ -123,16 +126,18 @@ class Switching(Protocol):
     """A control whose tables have switches and weights beside their values."""
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return what switches and weights have to be for the tables to act, by the control's own
-        name of each."""
+        """Return the switches and weights with which the tables are active, by the control's own
+        names.
+        """
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return what files that were read out of the control hold of them."""
+        """Return the switches and weights in files that were read out of the control."""
 
 
 class Controller(Protocol):
-    """One controller family. Implementations hold no state: everything about a machine is in its
-    profile."""
+    """One controller family. Implementations hold no state: the profile contains all data about a
+    machine.
+    """
 
     @property
     def name(self) -> str:
@@ -144,8 +149,9 @@ class Controller(Protocol):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of table this control has; each has a sense of its own, and a sign test
-        of its own."""
+        """Return the kinds of table of this control; each has its own sense, and its own sign
+        test.
+        """
 
     @property
     def options(self) -> type[msgspec.Struct]:
@@ -153,16 +159,17 @@ class Controller(Protocol):
 
     @property
     def options_template(self) -> str:
-        """Return this section as commented TOML, header line included; an open question stands as
-        "?".
+        """Return this section as commented TOML, header line included; an open question is written
+        as "?".
         """
 
     def quick_options(self) -> msgspec.Struct:
-        """Return the options for a quick look without a profile (contract 5), every assumption in
-        them stated by ``plan``."""
+        """Return the options for a provisional export without a profile (contract 5); ``plan``
+        states each of their assumptions.
+        """
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return what the control of this profile accepts in such a table."""
+        """Return the limits of the control of this profile for such a table."""
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return the tables for the curves: sampled on the profile's grid, zero at the reference,
@@ -174,8 +181,8 @@ class Controller(Protocol):
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the files for the control, ``notes`` as comments at the head of every file that
-        may hold comments.
+        """Return the files for the control, with ``notes`` as comments at the head of every file
+        that may hold comments.
 
         Notes are plain ASCII, a line each. Raises ``SafetyError`` if a needed template is missing.
         """
@@ -208,8 +215,9 @@ class Controller(Protocol):
         """Return whether the file is in this controller's format, from its name and first lines."""
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the table for the report, in the control's own words and numbers (`plain_rows`
-        where it has none)."""
+        """Return the table for the report, in the control's own words and numbers (or
+        `plain_rows`).
+        """
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps of a person who loads the files, in order, precautions first."""

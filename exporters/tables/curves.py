@@ -1,11 +1,11 @@
 """From a result to neutral curves e(p): the error of an output axis as a function of the position
 of an input axis.
 
-A curve is the error of the machine, in the + direction of the output axis, before any controller's
-sense, unit or differencing enters: ``e = actual - commanded`` (contract 1). Nine curves describe a
+A curve is the error of the machine, in the + direction of the output axis, before any sense, unit
+or differencing of a controller: ``e = actual - commanded`` (contract 1). Nine curves describe a
 three-axis machine without its angular errors: three positioning errors and six straightness errors.
-Each squareness is a single number for two axes; as a displacement it may be written into the
-straightness of either axis of the pair, and into exactly one of them.
+Each squareness is a single number for two axes; as a displacement it may be included in the
+straightness of either axis of the pair, and in exactly one of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,9 @@ STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
 """The nine functions that a table with an input and an output axis can correct."""
 SIGNIFICANT = 3.0
-"""Reversal beyond this many standard uncertainties at one of some ten positions is no chance."""
+"""Number of standard uncertainties beyond which a reversal at one of some ten positions is not
+chance.
+"""
 
 SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -38,10 +40,10 @@ rigid rotation of the workpiece."""
 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
 FOLD_OTHER: Mapping[str, str] = MappingProxyType({"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"})
-"""The function that a squareness goes into by default, and the other one of its pair."""
+"""The function that contains a squareness by default, and the other function of its pair."""
 
 KEPT = "the table in the control"
-"""The part of a curve held by an old table, of a function outside the request: it is written again
+"""The part of a curve held by an old table of a function outside the request: it is written again
 unchanged.
 """
 
@@ -67,12 +69,12 @@ class Curve:
 
     @property
     def output_axis(self) -> str:
-        """Return the axis that errs: X, Y or Z."""
+        """Return the output axis, which has the error: X, Y or Z."""
         return self.name[1]
 
     @property
     def input_axis(self) -> str:
-        """Return the axis that moves: X, Y or Z."""
+        """Return the input axis, which moves: X, Y or Z."""
         return self.name[2]
 
     @property
@@ -100,8 +102,8 @@ class Curve:
 def curves_of(
     result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT
 ) -> tuple[Curve, ...]:
-    """Return the curves called ``names``, each squareness added to the straightness curve in
-    ``fold``.
+    """Return the curves with the names ``names``, each squareness added to the straightness curve
+    in ``fold``.
 
     Raises ``DataError`` for a function or squareness that the result does not identify, and
     ``UsageError`` for a name outside the functions of a three-axis machine or a fold into a
@@ -171,12 +173,11 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
 
 
 def _significant(name: str, reversal: Function) -> bool:
-    """Return whether a reversal is more than chance somewhere, and in the axis' own direction
-    whole.
+    """Return whether a reversal is significant somewhere, and complete in the axis' own direction.
 
     If the passes share no zero, a positioning function's reversal is known only from its first
-    position on (u = 0 there): a table per direction would leave its constant part out, with the
-    backlash parameter at zero beside it.
+    position on (u = 0 there): a table per direction would omit its constant part, while the
+    backlash parameter is zero.
     """
     if reversal.u is None or reversal.value is None:
         return reversal.value is not None
@@ -187,8 +188,9 @@ def _significant(name: str, reversal: Function) -> bool:
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
-    """Return half of (approach in + minus approach in -) at the positions, None where the data do
-    not give it, or give chance only."""
+    """Return half of (approach in + minus approach in -) at the positions; None where the data do
+    not give it, or it is not significant.
+    """
     reversal = result.reversal.get(name)
     if reversal is None or reversal.value is None or not _significant(name, reversal):
         return None

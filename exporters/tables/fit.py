@@ -2,7 +2,7 @@
 squares.
 
 A table of an axis is a single curve for the whole volume, but an angular error moves the tool by
-its lever: on the line of the measurement it has one size, on the opposite edge another. Written
+its lever: it has one size on the line of the measurement and another on the opposite edge. Written
 out, the field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``,
 an angle of axis a times a lever along axis b. With bars for the mean over the volume,
 
@@ -38,9 +38,9 @@ _TURNS = "ABC"
 _FINE = 401
 """Points over which a mean along an axis is taken."""
 _BENT = 4
-"""Sections between two nodes where an angle times its own axis is no straight line."""
+"""Number of sections between two nodes where an angle times its own axis is not a straight line."""
 _NOTHING_UM = 1e-3
-"""A product that moves the tool by less than a nanometre is none."""
+"""A product that moves the tool by less than a nanometre is ignored."""
 
 Zone = Mapping[str, tuple[float, float]]
 """The zone of the best fit, by axis letter: lowest and highest position in mm."""
@@ -48,12 +48,12 @@ Zone = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """The part of the error that only the product of two tables holds: ``value_um`` along the input
-    axis, times a lever along ``by_axis``.
+    """The part of the error that only the product of two tables can hold: ``value_um`` along the
+    input axis, times a lever along ``by_axis``.
 
     The error of the output axis is ``value_um * (b - middle_mm) / half_mm``: ``value_um`` is the
-    error at the end of the fitted zone along ``by_axis``. ``rms_um`` is its length over this zone:
-    the residue without the product. ``u_um`` is the standard uncertainty.
+    error at the end of the fitted zone along ``by_axis``. ``rms_um`` is its root mean square over
+    this zone: the residue without the product. ``u_um`` is the standard uncertainty.
     """
 
     output_axis: str
@@ -103,11 +103,11 @@ def fitted(
     zone: Zone | None = None,
     active: Sequence[Table] = (),
 ) -> Fitted:
-    """Return the curves called ``names`` and the products that fit the field of the result over
-    ``zone`` (the volume without one).
+    """Return the curves with the names ``names`` and the products that fit the field of the result
+    over ``zone`` (without a zone, over the volume).
 
-    ``active`` are product tables that acted during the measurement: without them the machine would
-    have erred by more. Raises ``DataError`` and ``UsageError`` as `curves_of` does, and
+    ``active`` are product tables that were active during the measurement: without them the error
+    would have been larger. Raises the ``DataError`` and ``UsageError`` of `curves_of`, and
     ``UsageError`` for a zone outside the measured volume.
     """
     ends = _ends(result.volume, zone or {})
@@ -132,8 +132,9 @@ def straight_line_um_mm(curve: Curve) -> float:
 
 
 def line_um_mm(position_mm: Vector, value_um: Vector) -> float:
-    """Return the slope of the straight line that fits values best, every part of their length
-    counting alike."""
+    """Return the slope of the straight line that fits values best, with equal weight for every part
+    of their length.
+    """
     at = np.linspace(position_mm[0], position_mm[-1], _FINE)
     from_middle = at - np.mean(at)
     value = np.interp(at, position_mm, value_um)
@@ -145,7 +146,7 @@ def _pairs() -> Iterator[tuple[str, str]]:
 
 
 def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
-    """Return the ends of the zone along each axis: as named, inside the measured volume."""
+    """Return the ends of the zone along each axis: as given, but inside the measured volume."""
     ends = []
     for index, letter in enumerate(_LETTERS):
         low, high = volume.origin_mm[index], volume.origin_mm[index] + volume.size_mm[index]
@@ -226,7 +227,7 @@ class _Added:
     u_um: Vector
 
     def sloped(self, um_per_mm: float) -> "_Added":
-        """Return it with a straight line more."""
+        """Return the addition with one straight line more."""
         return replace(
             self, value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0])
         )
@@ -246,7 +247,7 @@ def _added(
     ends: Sequence[tuple[float, float]],
     result: Result,
 ) -> _Added:
-    """Return the first two summands of all terms along one axis."""
+    """Return the sum of the first two summands of all terms along one axis."""
     index = _LETTERS.index(moving)
     at = np.unique(
         np.concatenate(
@@ -277,8 +278,8 @@ def _added(
 
 
 def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _Added]:
-    """Return the same with the slopes of each pair of axes in the curve named by ``fold``: the rest
-    is a turn of the workpiece.
+    """Return the additions with the slopes of each pair of axes in the curve named by ``fold``: the
+    rest is a turn of the workpiece.
     """
     result = dict(added)
     for squareness, target in fold.items():
@@ -293,7 +294,7 @@ def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _
 
 
 def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
-    """Return the curve with what the levers add to it; the same curve where they add nothing."""
+    """Return the curve plus the levers' addition; the unchanged curve without an addition."""
     if not sources:
         return curve
     at = np.unique(np.concatenate([curve.position_mm, added.position_mm]))
@@ -312,8 +313,9 @@ def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
 
 
 def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
-    """Return the angular functions whose levers are in a curve; a slope may come from the other
-    curve of the pair."""
+    """Return the angular functions whose levers contribute to a curve; a slope may come from the
+    other curve of the pair.
+    """
     output, moving = (_LETTERS.index(letter) for letter in name[1:])
     mine = [
         t.source
@@ -325,7 +327,7 @@ def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
 
 
 def _products(terms: Sequence[_Term], ends: Sequence[tuple[float, float]]) -> Iterator[Product]:
-    """Yield the third summand of the terms, those of the same three axes together."""
+    """Yield the third summand of the terms, joined for terms with the same three axes."""
     keys = dict.fromkeys(
         (term.output, term.input, term.by) for term in terms if term.by != term.input
     )

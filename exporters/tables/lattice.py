@@ -1,9 +1,9 @@
 """The correction as a lattice of vectors: the neutral form for volumetric compensation (FANUC 3-D
 and others), as CSV.
 
-Every vertex holds the displacement that has to be ADDED to the command, minus the error field of
-the result with its Abbe arms: this form alone can hold what the angular errors do. Between the
-vertices a control interpolates linearly in three directions (A-79351E p. 3).
+Every vertex holds the displacement to ADD to the command, minus the error field of the result with
+its Abbe arms: only this form can hold the full effect of the angular errors. Between the vertices a
+control interpolates linearly in three directions (A-79351E p. 3).
 """
 
 import math
@@ -25,7 +25,7 @@ from stepdiag.exporters.tables.profile import whole_steps
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
 _DECIMALS = 3
-"""Decimals of a vector in um: a nanometre, below every resolution of a control."""
+"""Decimals of a vector in um: a nanometre, below the resolution of every control."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,10 +92,10 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
 def lattice_on(
     result: Result, axes_mm: tuple[Vector, Vector, Vector], active: Lattice | None = None
 ) -> Lattice:
-    """Return the lattice on these axes, to a nanometre; what lies outside the measured volume has
-    the error of its nearest point.
+    """Return the lattice on these axes, to a nanometre; points outside the measured volume have the
+    error of its nearest point.
 
-    ``active`` acted while the result was measured: the new one takes its place.
+    ``active`` is the lattice that was active during the measurement; the new one replaces it.
     """
     points = np.stack(np.meshgrid(*axes_mm, indexing="ij"), axis=-1).reshape(-1, 3)
     low = np.asarray(result.volume.origin_mm)
@@ -125,8 +125,9 @@ def recognises(file: ControlFile) -> bool:
 
 
 def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
-    """Return the lattice that was active. Raises ``SafetyError`` where ``files`` are anything
-    else."""
+    """Return the lattice that was active. Raises ``SafetyError`` where ``files`` contain another
+    compensation.
+    """
     given = [file for file in files if recognises(file)]
     if len(files) != 1 or not given:
         raise SafetyError(

@@ -1,9 +1,9 @@
 """Merging a new measurement with the table active during the measurement (controllers.md 9).
 
-The residual r was measured WITH the old correction A_old; without A_old the machine would have
-erred by e = r - A_old. A new table for e replaces the old one. The formula holds for every sense
-and for incremental data, because A_old is the control's effect by its law. Old and new are taken as
-functions and evaluated on the new grid; the planning zeroes the result at the reference and
+The residual r was measured WITH the old correction A_old; without A_old the error would have been e
+= r - A_old. A new table for e replaces the old one. The formula holds for every sense and for
+incremental data, because A_old is the control's effect by its law. Old and new are treated as
+functions and evaluated on the new grid; the planning shifts the result to zero at the reference and
 quantises once.
 """
 
@@ -60,9 +60,9 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
 def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int) -> Vector:
     """Return the error of the bare machine on a grid.
 
-    The residual is known at the measured positions, with what the control did there: its steps,
-    where it compensates in steps. So the steps are taken off at these positions, before anything is
-    joined by straight lines; the old table between them is kept in full.
+    The residual is known at the measured positions, including the control's action there: its
+    steps, if it compensates in steps. So the steps are subtracted at these positions, before the
+    points are joined by straight lines; the old table between them is kept in full.
     """
     measured = curve.position_mm
     steps = summed_um(active, measured, direction) - _joined_um(active, measured, direction)
@@ -71,8 +71,9 @@ def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: 
 
 
 def _joined_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
-    """Return what active tables add, stepped ones joined by straight lines: what the machine needs,
-    not what its control can."""
+    """Return the addition of active tables, with stepped ones joined by straight lines: the
+    correction that the machine needs.
+    """
     return summed_um(
         [replace(table, law=replace(table.law, between="linear")) for table in active],
         position_mm,

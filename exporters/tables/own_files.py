@@ -1,5 +1,6 @@
-"""Back to where a control was, for controls whose tables come in lists: its own files, and zeros
-for what they do not hold."""
+"""Back to the earlier state of a control whose tables are lists: its own files, and zeros for the
+tables that they lack.
+"""
 
 from collections.abc import Callable, Hashable, Sequence
 
@@ -17,7 +18,7 @@ def lacking(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[Table, ...]:
-    """Return ``tables`` as zeros as far as the machine's own files hold none at their ``place``."""
+    """Return those of ``tables`` as zeros whose ``place`` none of the machine's own files holds."""
     held = (
         {place(table) for table in controller.parse(profile.existing, profile)}
         if profile.existing
@@ -32,8 +33,9 @@ def own_and_zeros(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[ControlFile, ...]:
-    """Return the machine's own files, and files of zeros for the tables whose ``place`` none of
-    them holds."""
+    """Return the machine's own files, and files of zeros for the tables whose ``place`` they
+    lack.
+    """
     zeros = lacking(controller, tables, profile, place)
     rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()
     return (*profile.existing, *without_notes(rendered))

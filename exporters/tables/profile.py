@@ -23,25 +23,26 @@ from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Options = TypeVar("Options", bound=msgspec.Struct)
 MOST_EXISTING = 64
-"""Files of its own that a machine may have."""
+"""The own files that a machine may have."""
 NEARLY_MM = 0.01
-"""By so little a travel may differ from whole steps, of a step of 1 mm or more."""
+"""Largest difference of a travel from whole steps, for a step of 1 mm or more."""
 MOST_SECTIONS = 20_000
-"""Sections of one axis: 20 m in millimetres; no control holds as many."""
+"""Largest number of sections of one axis: 20 m in millimetres; no control has as many."""
 WARN_UM_M = 400.0
-"""Errors that grow with the travel stay below this on a poor machine (k = 3): squareness 100 urad
-or scale 50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). Above this limit a
-correction has to be accepted, above twice the limit it is refused.
+"""Largest errors that grow with the travel, on a poor machine (k = 3): squareness 100 urad or scale
+50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). A correction above this limit needs
+acceptance, a correction above twice the limit is refused.
 """
 CHANGE_UM_M = 80.0
-"""Growth of a poor machine (60 um/m, k = 1) and the drift beside it."""
+"""Growth of a poor machine (60 um/m, k = 1) and its drift."""
 SHORTEST_TRAVEL_MM = 500.0
-"""Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the
-limits of this one, 200, 400 and 40 um."""
+"""Reversal, straightness and screw waves do not decrease with the travel: shorter travels have the
+limits of this travel, 200, 400 and 40 um.
+"""
 AxisName = Annotated[
     str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="name-of-letters")
 ]
-"""The name stands in files for the control and in names of files: its characters have no other
+"""Files for the control contain the name, and file names too: its characters must have no other
 meaning there.
 """
 Line = Annotated[
@@ -52,14 +53,14 @@ Line = Annotated[
         description="one line of text of at most 200 characters",
     ),
 ]
-"""A text that the report shows in a single line cannot become several lines."""
+"""A text for a single line of the report, without line breaks."""
 PlainPath = Annotated[
     str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")
 ]
 
 
 class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[machine]``: which machine and control, and in what state it was measured."""
+    """``[machine]``: the machine, its control, and its state during the measurement."""
 
     name: Line
     controller: str
@@ -86,10 +87,10 @@ class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_on
 
 
 class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[limits]``: where the safety checks warn and refuse (controllers.md 10).
+    """``[limits]``: the limits of the safety checks for warning and refusal (controllers.md 10).
 
-    None of a size: the limit grows with the travel, as errors do. None of the slope: the control's
-    own limit, or what is plausible where it has none.
+    None for a size: the limit grows with the travel, as errors do. None for the slope: the
+    control's own limit, or a plausible one without it.
     """
 
     value_um: Positive | None = None
@@ -99,8 +100,9 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
     points: Annotated[int, msgspec.Meta(ge=2)] | None = None
 
     def at(self, travel_mm: float) -> "TravelLimits":
-        """Return the limits of sizes for a travel in mm, in um; a limit that the profile states
-        stands."""
+        """Return the limits of sizes for a travel in mm, in um; a limit stated in the profile has
+        priority.
+        """
         warn, change = (
             max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0 for um_m in (WARN_UM_M, CHANGE_UM_M)
         )
@@ -113,8 +115,9 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TravelLimits:
-    """Limits of one table, in um: of the correction, of what has to be accepted, of the change
-    against the table in the control."""
+    """Limits of one table, in um: of the correction, of a correction without acceptance, of the
+    change from the table in the control.
+    """
 
     value_um: float
     warn_value_um: float
@@ -125,7 +128,7 @@ class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     """A ``[[sign_test]]`` of a kind of table: the date of the test of its sense, machine, files,
     and result.
 
-    A test that does not name machine, control, bump and runs is read and contradicts, but is no
+    A test that does not name machine, control, bump and runs is read and may contradict, but is no
     evidence.
     """
 
@@ -140,7 +143,7 @@ class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     runs_sha256: list[str] = []
 
     def as_toml(self) -> str:
-        """Return the record as a profile holds it."""
+        """Return the record in the form of a profile."""
         lines = [
             f"{name} = {_toml(getattr(self, name))}"
             for name in self.__struct_fields__
@@ -155,8 +158,8 @@ def _toml(value: str | date | list[str]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed``: no
-    profile was written; this is a stand-in for a quick look with ``--step-mm`` alone.
+    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed``:
+    the profile is a stand-in for a provisional export with ``--step-mm`` only.
     """
 
     machine: MachineSection
@@ -246,18 +249,17 @@ class Profile:
         return grid
 
     def grid_words(self, letter: str) -> str:
-        """Return ends and step of the table positions of an axis as a person reads them."""
+        """Return ends and step of the table positions of an axis in words."""
         grid = self.grid_mm(letter)
         return f"{grid[0]:g} to {grid[-1]:g} mm, step {self.axis(letter).step_mm:g}"
 
 
 def whole_steps(travel_mm: float, step_mm: float) -> int | None:
-    """Return how many steps a travel has, None where it is not a whole number of them
-    (controllers.md 3.2: (MAX - MIN) / STEP must be an integer; a control accepts less, and then
-    holds old values).
+    """Return the number of steps in a travel, None where it is not a whole number (controllers.md
+    3.2: (MAX - MIN) / STEP must be an integer; a control accepts less, and then holds old values).
 
-    The positions of a survey make the travel differ: one digit of an encoder, or G91 in a program
-    of few decimals, which adds up.
+    The positions of a survey change the travel slightly: by one digit of an encoder, or by G91 in a
+    program of few decimals, which accumulates.
     """
     count = round(travel_mm / step_mm)
     near = abs(travel_mm - count * step_mm) <= max(

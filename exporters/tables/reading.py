@@ -1,4 +1,4 @@
-"""Tables out of files, each once: a table in two active files would count twice."""
+"""Reading tables from files, each once: a table in two active files would be counted twice."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ from stepdiag.exporters.tables.tables import Table
 def tables_in(
     controller: Controller, files: Sequence[ControlFile], profile: Profile
 ) -> tuple[Table, ...]:
-    """Return the tables as read by the control. Raises ``DataError`` for a table that stands there
-    twice, as in a file and its copy.
+    """Return the tables as read by the control. Raises ``DataError`` for a table that occurs twice,
+    for example in a file and its copy.
     """
     tables = controller.parse(files, profile)
     seen: set[object] = set()

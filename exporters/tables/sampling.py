@@ -13,9 +13,9 @@ def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
     """Return grid (mm), error when travelling in + and in - (um); the error in + is zero at the
     axis' reference position.
 
-    With ``machine.direction = "mean"`` both directions hold the mean. The remaining value at the
-    reference in - is the reversal there. The zero is that of the interpolated table, not of the
-    curve: the reference need not be a point of the grid.
+    With ``machine.direction = "mean"`` both directions hold the mean. The value at the reference in
+    - is then the reversal there. The zero is that of the interpolated table, not of the curve: the
+    reference need not be a point of the grid.
     """
     grid = profile.grid_mm(curve.input_axis)
     if profile.machine.direction == "mean":

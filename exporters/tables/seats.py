@@ -21,6 +21,7 @@ def overwritten(
 
 def copied(own: Iterable[ControlFile], new: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
     """Return the files of a folder after ``new`` were copied over ``own``: the later of each name,
-    suffixes of exports aside."""
+    without the suffixes of exports.
+    """
     held = {plain_name(file.name).upper(): file for file in own}
     return tuple({**held, **{plain_name(file.name).upper(): file for file in new}}.values())

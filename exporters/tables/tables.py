@@ -1,7 +1,7 @@
 """A compensation table in a control, the law from its numbers to movement, and its file.
 
-A single function, ``correction_um``, runs every law, so that a new controller states its behaviour
-as data and cannot hide a sign.
+A single function, ``correction_um``, applies every law, so that a new controller states its
+behaviour as data and cannot hide a sign.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -61,8 +61,8 @@ class Law:
     """The law by which a control applies a table (controllers.md 1).
 
     ``sense``: a positive value moves the output axis in - (``as-error``) or in +
-    (``as-compensation``). ``data``: values stand for themselves, or are the change since the point
-    before, read in the + direction. ``between``: interpolated linearly, or stepped: the value
+    (``as-compensation``). ``data``: values are absolute, or are the change since the previous
+    point, read in the + direction. ``between``: interpolated linearly, or stepped: the value
     changes when its point is passed. ``ends``: outside the table the end value is held, or the end
     section is extended as a straight line.
     """
@@ -88,8 +88,8 @@ class Law:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Multiplier:
-    """By what a control multiplies a table: a function of another axis without a unit, 1 at its
-    largest; linear between its points.
+    """The factor by which a control multiplies a table: a function of another axis without a unit,
+    1 at its largest; linear between its points.
 
     Outside its points it is held or extended by ``ends``.
     """
@@ -118,8 +118,9 @@ class Multiplier:
 
     @property
     def line(self) -> tuple[float, float]:
-        """Return slope per mm, and the position in mm where it is zero, of the line through its
-        ends (0 and 0 for none)."""
+        """Return slope per mm of the line through its ends, and the position in mm where the line
+        is zero (0 and 0 without one).
+        """
         slope = float(
             (self.value[-1] - self.value[0]) / (self.position_mm[-1] - self.position_mm[0])
         )
@@ -193,11 +194,11 @@ class Table:
 
 
 def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vector:
-    """Return how far the law moves the output axis, in um in its + direction, at positions of the
-    input axis.
+    """Return the movement of the output axis by the law, in um in its + direction, at positions of
+    the input axis.
 
     ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0.
-    Of a product it is what the table moves where its multiplier is 1.
+    For a product it is the movement where its multiplier is 1.
     """
     at = np.asarray(position_mm, dtype=np.float64)
     if table.direction not in (0, direction):
@@ -222,7 +223,7 @@ def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) 
 
 
 def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:
-    """Return ``inside`` with the first and last section drawn on as straight lines."""
+    """Return ``inside`` with the first and last section extended as straight lines."""
     low = value[0] + (at - position[0]) * (value[1] - value[0]) / (position[1] - position[0])
     high = value[-1] + (at - position[-1]) * (value[-1] - value[-2]) / (position[-1] - position[-2])
     return np.where(at < position[0], low, np.where(at > position[-1], high, inside))
@@ -250,13 +251,15 @@ def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
 
 
 def joined(table: Table) -> Table:
-    """Return a stepped table with its points joined by straight lines: what its steps stand for."""
+    """Return a stepped table with its points joined by straight lines: the curve that its steps
+    represent.
+    """
     return replace(table, law=replace(table.law, between="linear"))
 
 
 def same_lever(one: Table, other: Table) -> bool:
-    """Return whether two tables are multiplied alike: by nothing, or by the same numbers along the
-    same axis.
+    """Return whether two tables have the same multiplier: none, or the same numbers along the same
+    axis.
     """
     if one.multiplier is None or other.multiplier is None:
         return one.multiplier is other.multiplier
@@ -288,8 +291,9 @@ def require_rising(position_mm: Vector, where: str) -> None:
 
 
 def zeroed(tables: Iterable[Table]) -> tuple[Table, ...]:
-    """Return the same tables with every value 0: what a restore file writes when no table was
-    active before."""
+    """Return the same tables with every value 0, as a restore file writes them when no table was
+    active before.
+    """
     return tuple(
         replace(
             table,

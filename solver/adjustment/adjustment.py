@@ -1,4 +1,4 @@
-"""The adjustment of a survey: fit, correction for the tilts just found, noise, wrong stops."""
+"""The adjustment of a survey: fit, correction for the estimated tilts, noise, wrong stops."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -70,29 +70,31 @@ from stepdiag.solver.model.warmth import at_one_temperature
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
-"""Effects whose sizes are found before wrong stops are: none of them bends to hold a single
-stop."""
+"""Effects whose sizes are estimated before the search for wrong stops: none of them can adapt to a
+single stop.
+"""
 SETTLED = 0.02
-"""Sizes that change by less than this share are found: what they are of is hardly known to a
-tenth."""
+"""Sizes that change by less than this share have converged: the causes themselves are hardly known
+to a tenth.
+"""
 PLAUSIBLE = {SETUP_SCALE: 2.0}
-"""Scale of effects in the search for contradictions: usual size, and twice for scales of setups, as
-in one shop of ten: a single length compares all seven setups, and a survey cannot separate a shop
-of large scales from a single wrong setup.
+"""Scale of effects in the search for contradictions: the usual size, but twice the usual size for
+scales of setups, as for ten setups in one workshop. A single length compares all seven setups, and
+a survey cannot separate a workshop with large scales from a single wrong setup.
 """
 MOST_TILT_MRAD = 200.0
-"""A tenth of it sends the beam past the laser after a quarter of a metre."""
+"""A tenth of this tilt sends the beam past the laser after a quarter of a metre."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Adjustment:
-    """The fit of a survey and its remarks. Rows of the fit are the readings (first m), the head's
+    """The fit of a survey, and its findings. Rows of the fit are the readings (first m), the head's
     straightness and the priors.
 
-    ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes the
-    angular functions among them, ``between`` the values off the nodes, ``sizes`` their sizes.
+    ``effects`` are the random effects in the order of the fit's causes. ``shapes`` describes the
+    angular functions among them, ``between`` the values between the nodes, ``sizes`` their sizes.
     ``u_um`` (m,) is the standard uncertainty of every reading by noise, infinite for a stop left
-    out; ``explained`` holds causes beside the model; ``scatter`` holds the machine's repeatability
+    out; ``explained`` holds causes outside the model; ``scatter`` holds the machine's repeatability
     and the noise of its setups.
     """
 
@@ -119,15 +121,16 @@ class Adjustment:
         )
 
     def first_cause(self, name: str) -> int:
-        """Return the place of the first cause of an effect among all causes. Raises ``ValueError``
-        where there is no such effect."""
+        """Return the index of the first cause of an effect among all causes. Raises ``ValueError``
+        where the effect does not exist.
+        """
         names = [effect.name for effect in self.effects]
         return sum(effect.count for effect in self.effects[: names.index(name)])
 
     @property
     def products(self) -> dict[int, float]:
-        """Return the causes of the products of axes beside the machine's functions, in the order of
-        `PRODUCTS`, and the um of each.
+        """Return the causes of the products of axes outside the machine's functions, in the order
+        of `PRODUCTS`, and the um of each.
         """
         size_um = self.explained.spread[self.explained.of(PRODUCT)]
         return (
@@ -135,16 +138,17 @@ class Adjustment:
         )
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit with no cause but growth larger than usual: a contradiction is named, even
-        if a large cause could hold it.
+        """Return the fit in which no cause but growth is larger than usual: a contradiction is then
+        named, even if a large cause could explain it.
 
         Causes of the names ``found`` keep their size.
         """
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
     def plausible(self, *found: str) -> MixedFit:
-        """Return the fit `as_usual`, with causes of the names ``found`` as large as found and as
-        assumed at least."""
+        """Return the fit `as_usual`, in which causes with the names ``found`` have their estimated
+        size, or at least the assumed one.
+        """
         kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
         factor = np.where(kept, np.maximum(1.0, 1.0 / self.sizes.factor), 1.0)
         return sized(
@@ -153,8 +157,9 @@ class Adjustment:
 
     @property
     def residual_um(self) -> Vector:
-        """Return what each reading differs from the machine by, with what its moves missed, shape
-        (m,)."""
+        """Return the difference of each reading from the machine, including the misses of its
+        moves, shape (m,).
+        """
         columns, arrival = self.design.columns, self.layout.arrival
         missed = self.fit.unknowns[columns.miss :]
         by_miss = (
@@ -192,24 +197,25 @@ def adjust(
 ) -> Adjustment:
     """Adjust a survey, with the ``straightness`` of a 4-DOF head as further rows.
 
-    Known angular functions are taken off first (theory 5.2); functions with an uncertainty are
-    adjusted within it. All others, drift and the scales of setups are random effects of the sizes
-    ``assumed``, unless the readings show other sizes. Raises ``UsageError`` for a wrong chain,
-    ``DataError`` for angles that do not span the volume.
+    Known angular functions are subtracted first (theory 5.2); functions with an uncertainty are
+    adjusted within this uncertainty. All others, drift and the scales of setups are random effects
+    of the sizes ``assumed``, unless the readings show other sizes. Raises ``UsageError`` for a
+    wrong chain, ``DataError`` for angles that do not span the volume.
     """
     usual = assumed or Assumptions()
     return _Task(at_one_temperature(layout, usual), chain, angles or {}, straightness, usual).run()
 
 
 def _both_ways(layout: Layout) -> bool:
-    """Return whether any setup was driven out and back: then backlash lies between its two ways,
-    and is no fault of the laser's count."""
+    """Return whether any setup was driven out and back: then backlash lies between its two ways and
+    does not count as a fault of the laser's count.
+    """
     ways = {(key.setup, key.outward) for key in layout.passes}
     return any((name, not outward) in ways for name, outward in ways)
 
 
 class _Task:
-    """The rounds of one adjustment: they share the rows and change target and weights."""
+    """The iterations of one adjustment: they share the rows and change target and weights."""
 
     def __init__(
         self,
@@ -275,7 +281,7 @@ class _Task:
         self.clean = False
 
     def run(self) -> Adjustment:
-        """Return the adjustment after all rounds."""
+        """Return the adjustment after all iterations."""
         current = self._first_scatter()
         current = self._with_right_signs(self._with_right_names(current))
         for suspicious in self._suspicions(current):
@@ -307,7 +313,7 @@ class _Task:
         )
 
     def _first_scatter(self) -> MixedFit:
-        """Return the fit with the scatter that is left beside a step of the count that has a name.
+        """Return the fit with the scatter that remains beside a named step of the count.
 
         A single stop does not move the median of the residuals. A step moves every residual of its
         pass: misses and noise would grow to hide it. It is looked for with the usual sizes.
@@ -322,7 +328,8 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _open_beside(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the explanations beside the model left open.
+        """Return the fit in which the explanations outside the model may have any size up to their
+        spread.
 
         The fit has growth and scales of all setups no larger than usual: these explain a length as
         well as any explanation does. Each cause keeps its size: growth found anew would leave the
@@ -355,8 +362,8 @@ class _Task:
         )
 
     def _with_right_names(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the readings of two setups exchanged, and named, if their names agree
-        with all other readings only so.
+        """Return the fit with the readings of two setups exchanged, and a finding, if their names
+        agree with all other readings only after the exchange.
 
         The readings alone are asked: a head whose signs are wrong agrees with exchanged names.
         """
@@ -380,8 +387,8 @@ class _Task:
         return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the angular functions turned over, and named, whose other sign agrees
-        with all other evidence.
+        """Return the fit with the signs of angular functions reversed, and a finding, where only
+        the other sign agrees with all other evidence.
         """
         right = sorted(self.angles)
         while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}):
@@ -410,8 +417,9 @@ class _Task:
         return current
 
     def _change_by_sign(self, name: str) -> Vector:
-        """Return what the other sign of an angular function changes in the target of all rows,
-        shape (rows,)."""
+        """Return the change of the target of all rows by the other sign of an angular function,
+        shape (rows,).
+        """
         alone = {name: self.angles[name]}
         beside = [2.0 * of_known_angles(self.design, one, alone) for one in self.straightness]
         change = np.concatenate([2.0 * angular_effect_um(self.layout, self.chain, alone), *beside])
@@ -427,8 +435,8 @@ class _Task:
         return self._with_effects(current)
 
     def _with_effects(self, fixed: Fit, near: Vector | None = None) -> MixedFit:
-        """Return a fit with the effects, each kind of its most likely size by the readings; the
-        search starts ``near`` others.
+        """Return a fit with the effects, each kind with its most likely size by the readings; the
+        search starts ``near`` other sizes.
         """
         found, self.sizes = self._found(fixed, self.effects, near)
         return found
@@ -443,8 +451,7 @@ class _Task:
         return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
-        """Return what a fit leaves of the effects; of the same fit and effects it is not worked out
-        again."""
+        """Return the residues of a fit with effects; cached for the same fit and effects."""
         before, those, causes = self.known
         same = causes is not None and len(those) == len(effects) and all(map(is_, those, effects))
         if causes is None or not same or before is not fixed:
@@ -464,14 +471,15 @@ class _Task:
         return pattern
 
     def _take(self, scatter: Scatter) -> None:
-        """Weigh readings and misses by their scatter."""
+        """Set the weights of readings and misses by their scatter."""
         self.scatter = scatter
         self.u[: len(self.layout)] = scatter.u_um(self.layout)
         self.u[self.misses.rows] = scatter.misses_um[self.misses.kind]
 
     def _find_scatter(self, current: MixedFit, *, robust: bool) -> MixedFit:
-        """Return the fit with the scatter that the residuals show, unmoved by wrong stops where
-        ``robust``."""
+        """Return the fit with the scatter of its residuals, estimated without influence of wrong
+        stops if ``robust``.
+        """
         for _ in range(ROUNDS):
             before = self.scatter
             found = estimated(
@@ -489,15 +497,15 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _again(self, current: AnyFit) -> MixedFit:
-        """Fit with the weights as they are now, with sizes near those found before."""
+        """Fit with the present weights, starting near the earlier sizes."""
         return self._with_effects(
             fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse),
             self.sizes.factor,
         )
 
     def _target_for(self, unknowns: Vector) -> Vector:
-        """Return the deviations freed of what is of second order in the tilts just found, and of
-        what lies beside the targets, shape (m,).
+        """Return the deviations without the second-order effects of the estimated tilts and without
+        the values beside the targets, shape (m,).
 
         Mirror and beam lean together (theory 4.2): every reading is short by nu^2/2 of itself, and
         the machine's errors are seen along the normal, not along the diagonal. Taking this off the
@@ -525,8 +533,8 @@ class _Task:
         return corrected
 
     def _refuse_impossible(self, tilt_mrad: Vector) -> None:
-        """Raise ``DataError`` for a mirror that could not send the beam back: each round would only
-        lead further away.
+        """Raise ``DataError`` for a mirror that could not send the beam back: each iteration would
+        only diverge further.
         """
         size = np.linalg.norm(tilt_mrad, axis=1)
         if not np.all(size <= MOST_TILT_MRAD):
@@ -543,8 +551,9 @@ class _Task:
         return weight
 
     def _find_sizes(self, current: MixedFit) -> MixedFit:
-        """Enlarge what reversal changes along an axis, and drift, to what the data show (variance
-        components)."""
+        """Increase the assumed sizes of the reversal along an axis, and of drift, to the size in
+        the data (variance components).
+        """
         for _ in range(SIZE_ROUNDS):
             before = self.u.copy()
             for rows in self.sized:
@@ -571,8 +580,9 @@ class _Task:
         return most_suspicious(current, self.design.columns, every)
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
-        """Return whether the readings are likelier with the suspicion true, all sizes found anew,
-        than without it."""
+        """Return whether the readings are likelier with the suspicion than without it, each with
+        all sizes estimated again.
+        """
         with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
         best = suspicion.best
         return bool(
@@ -580,7 +590,7 @@ class _Task:
         )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
-        """Take out contradiction after contradiction and yield the fit without it."""
+        """Remove one contradiction after another, and yield the fit without each."""
         most = max(2, int(MOST * len(self.layout)))
         for found in range(most + 1):
             suspicion = self._worst(current)
@@ -598,8 +608,9 @@ class _Task:
 
 
 def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
-    """Return the kind of every arrival in their order: its axis, or `FIRST` where a pass begins
-    with it."""
+    """Return the kind of every arrival in their order: its axis, or `FIRST` at the first stop of a
+    pass.
+    """
     row, axis = np.nonzero(layout.arrival >= 0)
     _, at = np.unique(layout.arrival[row, axis], return_index=True)
     begins = np.diff(layout.pass_index, prepend=-1)[row[at]] != 0
@@ -610,7 +621,7 @@ def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
 def _smallest_machine(design: Design, current: AnyFit) -> Vector:
     """Return the unknowns of the smallest machine that explains the readings.
 
-    Tilts and machine slopes share what is not identified; that share is given to the tilts, which
+    Tilts and machine slopes share an unidentified part; this part is assigned to the tilts, which
     are a thousand times larger.
     """
     null = current.inverse.null

@@ -1,7 +1,7 @@
-"""The unbroken counts of a survey, and what a fit leaves of patterns on each: wrong readings,
-steps, walks, all at once.
+"""The unbroken counts of a survey, and the residues of patterns on each after a fit: wrong
+readings, steps, walks, all at once.
 
-Worked out once for a fit without causes; with any sizes of the causes it is a small correction.
+Computed once for a fit without causes; causes of any size are a small correction to it.
 """
 
 from collections.abc import Collection
@@ -17,8 +17,9 @@ from stepdiag.solver.model.layout import Layout
 
 LEAST_ROWS = 3
 MOST_WAVES = 48
-"""Components of a random walk: they hold all but a hundredth of its variance, however many its
-steps."""
+"""Number of components of a random walk: they hold all but a hundredth of its variance, whatever
+its number of steps.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,9 +27,9 @@ class Count:
     """An unbroken count: its used ``rows`` (k,) in the order of time, and the residues of patterns
     on it after a fit without causes.
 
-    ``stop`` (k,) and ``step`` (k,) are h' W R h of a single reading and of all from a reading on;
-    ``walk`` (k, r) are the largest components of a random walk of 1 um a step, ``walked`` (r, r)
-    their residue.
+    ``stop`` (k,) and ``step`` (k,) are h' W R h of a single reading and of all readings from one
+    on; ``walk`` (k, r) are the largest components of a random walk of 1 um a step, ``walked`` (r,
+    r) their residue.
     """
 
     rows: NDArray[np.int64]
@@ -39,8 +40,9 @@ class Count:
 
 
 def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> list[Count]:
-    """Return every unbroken count that has more than a handful of used readings; of setups of some
-    kinds where these are given."""
+    """Return every unbroken count with more than a handful of used readings; only for the given
+    kinds of setups, if any.
+    """
     known = _Known(fixed)
     return [
         _count(known, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS
@@ -48,8 +50,9 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
 
 
 def short_counts(fixed: Fit, layout: Layout, kinds: Collection[str]) -> list[NDArray[np.int64]]:
-    """Return the rows of every unbroken count of some kinds of setups that is too short to be
-    looked through (two at least)."""
+    """Return the rows of every unbroken count of some kinds of setups that is too short for a
+    search (two rows at least).
+    """
     return [rows for rows in _unbroken(fixed, layout, kinds) if 1 < len(rows) <= LEAST_ROWS]
 
 
@@ -64,8 +67,9 @@ def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list
 
 
 def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
-    """Return a count from W - W A C A' W among its rows: what a fit without causes leaves of their
-    readings."""
+    """Return a count from W - W A C A' W among its rows: the residue of their readings after a fit
+    without causes.
+    """
     weight, walk, among = known.fixed.weight[rows], walk_of(len(rows)), known.among(rows)
     own = weight**2 * among.diagonal()
     # all from a reading on: its own share, and twice the common part with each later reading
@@ -82,8 +86,9 @@ def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Among:
-    """A C A' among the rows of a count, shape (k, k): ``alike``, with ``above`` its diagonal,
-    beside ``across own' + own across'``."""
+    """A C A' among the rows of a count, shape (k, k): The blocks on the diagonal are ``alike``,
+    with ``above`` on their upper side; ``across own' + own across'`` is added to both.
+    """
 
     alike: Vector
     above: Vector
@@ -105,7 +110,7 @@ class _Among:
         return product
 
     def with_those_after(self, values: Vector) -> Vector:
-        """Return the product of what stands above the diagonal with ``values`` (k,)."""
+        """Return the product of the part above the diagonal with ``values`` (k,)."""
         own, across = (after_each(values[:, None] * part) for part in (self.own, self.across))
         product: Vector = self.above @ values + np.sum(
             self.across * own + self.own * across, axis=1
@@ -114,10 +119,10 @@ class _Among:
 
 
 class _Known:
-    """A C A' among the rows of one count after the other.
+    """Yield A C A' among the rows of each count.
 
-    The counts of repeats differ only in unknowns that all their rows have, their zero and drift: A
-    = B + D, and B C B' is worked out once for all of them, as long as they follow each other.
+    The counts of repeats differ only in unknowns that all their rows share, their zero and drift: A
+    = B + D, and B C B' is computed once for all of them, as long as they follow each other.
     """
 
     def __init__(self, fixed: Fit) -> None:
@@ -164,14 +169,14 @@ def after_each(values: Vector) -> Vector:
 
 
 def steps_of(count: int, places: NDArray[np.int64]) -> Vector:
-    """Return steps before some readings, shape (count, places): 1 from there on."""
+    """Return steps before some readings, shape (count, places): 1 from the reading on."""
     steps: Vector = (np.arange(count)[:, None] >= places).astype(np.float64)
     return steps
 
 
 def walk_of(count: int) -> Vector:
-    """Return a random walk of 1 um a step by its largest components, shape (count, r): times their
-    transpose they make its covariance.
+    """Return a random walk of 1 um a step by its largest components, shape (count, r): their
+    product with their transpose is its covariance.
 
     Zero at the first reading; eigenvectors of min(i, j) (Karhunen and Loeve).
     """

@@ -26,25 +26,29 @@ from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
 TILT_LIMIT_MRAD = 2.0
-"""Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms
-reach micrometres."""
+"""Above this tilt the mirror must be realigned: the beam leaves the detector and second-order terms
+reach micrometres.
+"""
 DRIFT_LIMIT_UM = 2.0
 IN_TIME = ("drift", "wander", "wandering pass")
-"""Effects of the adjustment that a count has in the course of its time."""
+"""Effects of the adjustment that change a count in the course of time."""
 NOISE_LIMIT_UM = 1.0
 FAR_NOISE = 10.0
-"""So many times the limit stops an export."""
+"""Multiple of the limit that stops an export."""
 REPEATS_UM = 5.0
-"""Repeatability of an approach, three times that of a worn machine: it is a mirror, a beam or a
-pass that moved."""
+"""Largest repeatability of an approach, three times that of a worn machine: beyond it a mirror, a
+beam or a pass has moved.
+"""
 TOO_LOW = 2.0
-"""A setup that scatters by so many times what its stops state states too little: a fifth more or
-less is chance."""
+"""A setup whose scatter exceeds the statement of its stops by this factor states too little; a
+difference of a fifth is chance.
+"""
 GREW_UM_M, GREW_SURE = 5.0, 3.0
 """Growth below half a kelvin of steel is no reason to warm the machine up."""
 MISCLOSED, MISCLOSED_FAR = 2.0, 3.5
-"""A scale misclosure beyond so many standard uncertainties is reported, and stops an export. Of 200
-good surveys of ordinary machines two were reported and none stopped."""
+"""Numbers of standard uncertainties beyond which a scale misclosure is reported, and stops an
+export. Of 200 good surveys of ordinary machines two were reported and none stopped.
+"""
 
 
 def travel_report(layout: Layout, setup: Setup) -> SetupReport:
@@ -80,12 +84,11 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
 
 
 def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
-    """Return what the count drifted in every out-and-back pair, over its whole duration, where it
+    """Return the drift of the count in every out-and-back pair, over its whole duration, where it
     is identified.
 
-    The straight part is an unknown that is expected small; whatever else a pass may do in time
-    (`IN_TIME`) has its share, so the sum of them is known, with what the readings leave open of
-    that sum.
+    The linear part is an unknown with a small expected size. Every other change of a pass in time
+    (`IN_TIME`) has its share, so their sum is known, with the uncertainty that the readings leave.
     """
     columns, fit = found.design.columns, found.fit
     drifts: list[Drift] = []
@@ -117,8 +120,9 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
-    """Return what one unit of every cause adds to a drift from the first to the last of some
-    readings, shape (causes,)."""
+    """Return the effect of one unit of every cause on the drift between the first and the last of
+    some readings, shape (causes,).
+    """
     kinds = np.repeat(
         [effect.name in IN_TIME for effect in found.effects],
         [effect.count for effect in found.effects],
@@ -136,8 +140,8 @@ def _repeatability_um(layout: Layout, setup: str) -> float | None:
     """Return the standard deviation of a stop between passes in the same direction, None without
     repeats.
 
-    Stops at a common target are equal, whatever their numbers: axes may move in another order from
-    pass to pass.
+    Stops at a common target count as equal, whatever their numbers: the order of axes may change
+    from pass to pass.
     """
     place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     squares, freedom = 0.0, 0
@@ -192,8 +196,8 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     length of a body diagonal in um, with its standard uncertainty; None if the readings do not
     compare them (theory 6.4: S measured minus S from the runs).
 
-    Angles and growth are as large as by the readings, angles at least as assumed: the closure does
-    not show slopes of pitch and yaw. Drift and the scales of setups are of plausible size
+    Angles and growth have their size by the readings, angles at least the assumed size: the closure
+    does not show slopes of pitch and yaw. Drift and the scales of setups have a plausible size
     (`solver.adjustment.adjustment.PLAUSIBLE`): this single length could enlarge them to its own
     size, and would then contradict nothing.
     """
@@ -215,9 +219,9 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
 def scale_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on diagonals and linear runs with different scales.
 
-    Four diagonals have a single length to compare (theory 3, E5; their squareness is free): nothing
-    else shows which of them, or of the linear runs, is wrong. So every candidate is named with its
-    possible size, and a contradiction beyond chance stops an export.
+    Four diagonals compare a single length (theory 3, E5; their squareness is free): no other
+    reading shows which of them, or of the linear runs, is wrong. So every candidate is named with
+    its possible size, and a contradiction beyond chance stops an export.
     """
     both = scale_misclosure(found)
     if both is None or abs(both[0]) <= MISCLOSED * both[1]:
@@ -240,15 +244,16 @@ def scale_findings(found: Adjustment) -> list[Finding]:
 
 
 def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> list[Finding]:
-    """Return what is remarkable about setups and residuals."""
+    """Return the findings about setups and residuals."""
     per_setup = [one for name, report in reports.items() for one in _of_setup(name, report)]
     beyond = (*scatter_findings(found), *growth_findings(found), *scale_findings(found))
     return [*per_setup, *_poor(reports), *beyond, *_no_machines(reports, found.scatter)]
 
 
 def scatter_findings(found: Adjustment) -> list[Finding]:
-    """Return how well the machine repeats where the readings show it, and which setups state less
-    noise than they show."""
+    """Return the findings about the machine's repeatability, where the readings show it, and about
+    setups that state less noise than they show.
+    """
     scatter, findings = found.scatter, []
     if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
         seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
@@ -282,15 +287,17 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
 
 
 def _stated_um(found: Adjustment, index: int) -> float:
-    """Return the root mean square of what the readings of a setup state, infinite where one of them
-    states nothing."""
+    """Return the root mean square of the uncertainties that the readings of a setup state; infinite
+    if one reading states none.
+    """
     stated = found.layout.u_um[found.layout.setup_index == index]
     return float(np.sqrt(np.mean(stated**2))) if np.all(np.isfinite(stated)) else np.inf
 
 
 def growth_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on axes that grew from the first reading to the last by more than chance
-    and `GREW_UM_M`."""
+    and `GREW_UM_M`.
+    """
     if GROWTH not in {effect.name for effect in found.effects} or not found.explained.grows:
         return []
     place = found.first_cause(GROWTH)
@@ -359,8 +366,9 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
 
 
 def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
-    """Return an error for the machine, and for each setup, whose scatter is no machine's but a
-    mistake: its cause is to be found first."""
+    """Return an error for the machine, and for each setup, whose scatter is too large for any
+    machine: its cause must be removed first.
+    """
     repeats_um, times = scatter.repeatability_um, FAR_NOISE
     found = (
         [finding("error", message("noise-high.machine", repeatability_um=repeats_um))]

@@ -1,4 +1,4 @@
-"""Theory of operation: errors of a survey, decided by a single number.
+"""Theory of operation: one number decides about errors of a survey.
 
 The model. Readings are normal given the sizes of all causes, ``y = A x + B a + e``
 (`solver.model.design`, `solver.model.effects`). An explanation is a further pattern h: a stop, a
@@ -6,8 +6,10 @@ step of the count, the scale of a setup, a product of two axes in a component of
 errors (and y^2 z in Z, a ram that sags). Its residue in the fit decides everything (Baarda 1968; V
 is the covariance of the readings with all causes in it, R removes the unknowns x):
 
-    shown = h' V^-1 R y,     seen = h' V^-1 R h,     most likely size = shown / seen,     z^2 =
-    shown^2 / seen
+    shown = h' V^-1 R y
+    seen = h' V^-1 R h
+    most likely size = shown / seen
+    z^2 = shown^2 / seen
 
 Its size t is unknown: its standard deviation is anything from the uncertainty 1 / sqrt(seen) up to
 2000 times this; each power of two is as likely. The Bayes factor against nothing is the mean over
@@ -18,17 +20,17 @@ these of
 For a known noise, gain(q) = q; the noise is known from the same residuals, so gain is the gain of
 the profile likelihood (`solver.linear.components.gained`). The first factor is Occam's: a cause of
 any size explains less. Sizes are relative to the readings, so no usual size chooses between two
-explanations of a pattern: these have the same z, and the same number. A pass that wanders is many
-patterns of a common size, and so is growth in time. Odds are the factor times the prior of the kind
-(`PRIOR`), shared by all of the kind:
+explanations of a pattern: these have the same z, and the same number. A pass that wanders consists
+of many patterns with a common size, and so does growth in time. Odds are the factor times the prior
+of the kind (`PRIOR`), divided among the explanations of the kind:
 
-    odds_k = prior_k / (number of its kind) * Bayes factor_k,     p_k = odds_k / (1 + sum of all
-    odds)
+    odds_k = prior_k / (number of its kind) * Bayes factor_k
+    p_k = odds_k / (1 + sum of all odds)
 
-`ODDS` = 20 decides all. If the best stop, step or pass has twenty times the odds of nothing, it is
-named if it has twenty times the odds of every other, and is left out (`solver.adjustment.faults`);
-then the next is looked for. The explanations still probable beside the repaired survey are the
-mixture of the result (`solver.adjustment.explanations`).
+The limit `ODDS` = 20 decides in each case. If the best stop, step or pass has twenty times the odds
+of no fault, it is named if it also has twenty times the odds of every other, and is left out
+(`solver.adjustment.faults`); then the search is repeated. The explanations that remain probable
+after the repair form the mixture of the result (`solver.adjustment.explanations`).
 
 The cost is products of the patterns with the existing inverse, and no further fit for a rejected
 explanation.
@@ -75,20 +77,21 @@ exchanged. Of 120 surveys with a setup 0 to 40 um/m off, 17 left more than was p
 a scale, 10 with 0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
 """
 GROWING = 4.0 ** np.arange(12)
-"""Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the
-uncertainty."""
+"""Squares of sizes relative to the uncertainty of the readings, all equally likely: from once to
+2000 times the uncertainty.
+"""
 HIDDEN = 1e-6
-"""A pattern of which the fit leaves less than this share is not separated from what is unknown
-already."""
+"""A pattern of which the fit leaves less than this share cannot be separated from the unknowns."""
 DECIMALS = 6
-"""Beyond these, which of two explanations has more evidence is chance."""
+"""Log-odds beyond which the order of two explanations is chance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) what would
-    be seen if nothing were unknown, and by how much the unknowns fall for one unit of each,
-    ``moved`` (count, c)."""
+    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) the same
+    without any unknowns, and ``moved`` (count, c) the decrease of the unknowns for one unit of each
+    pattern.
+    """
 
     shown: Vector
     seen: Vector
@@ -97,8 +100,9 @@ class Response:
 
 
 def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
-    """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all
-    others."""
+    """Return the response of a fit to patterns (k, c) on some of its rows (k,); they are zero on
+    all others.
+    """
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
     on_all[rows] = weighted
@@ -130,7 +134,7 @@ class Family:
 
     ``shown`` and ``seen`` (c,) as in `Response`, ``seen`` 0 for a pattern that the fit cannot
     separate from its unknowns. ``named`` (c,) are the readings, the setup or the product of each
-    name; ``most``: the largest size.
+    name; ``most`` is the largest size.
     """
 
     kind: str
@@ -143,14 +147,14 @@ class Family:
 
     @property
     def size(self) -> Vector:
-        """Return how large each is by itself, shape (c,); 0 where it is not seen."""
+        """Return the size of each explanation by itself, shape (c,); 0 where it is not seen."""
         found: Vector = np.where(
             self.seen > 0, self.shown / np.where(self.seen > 0, self.seen, 1.0), 0.0
         )
         return found
 
     def weighed(self, fit: MixedFit, many: int) -> Evidence:
-        """Return the evidence for each of ``many`` of its kind."""
+        """Return the evidence for each of ``many`` explanations of its kind."""
         found = evidence_of(fit, self.shown, self.seen, self.most)
         return Evidence(
             found.log_odds + log_prior(self.kind, many), np.minimum(found.square, self.most**2)
@@ -164,13 +168,15 @@ def log_prior(kind: str, many: int) -> float:
 
 
 def visible(seen: Vector, whole: Vector) -> Vector:
-    """Return what is seen of patterns, 0 where it is nothing beside the ``whole``, shapes (c,)."""
+    """Return the seen part of each pattern, set to 0 where it is negligible relative to the
+    ``whole``, shapes (c,).
+    """
     return np.where(seen > HIDDEN * np.maximum(whole, np.finfo(np.float64).tiny), seen, 0.0)
 
 
 def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf) -> Evidence:
-    """Return the evidence against nothing of explanations of a pattern each, by their shown and
-    seen parts in a fit, shapes (c,).
+    """Return the evidence, against no fault, of explanations with one pattern each, from their
+    shown and seen parts in a fit, shapes (c,).
 
     An unseen pattern has no evidence, and no size; no size exceeds ``most``.
     """
@@ -199,8 +205,8 @@ def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
 
 
 def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
-    """Return the shown and seen parts of patterns in the independent directions that the fit sees,
-    shapes (k,).
+    """Return the shown and seen parts of patterns in the independent directions of the fit, shapes
+    (k,).
     """
     value, turn = np.linalg.eigh(seen)
     clear = value > HIDDEN * max(float(value[-1]), np.finfo(np.float64).tiny)
@@ -208,11 +214,11 @@ def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
 
 
 def standing_out(freedom: int, prior: float, most: float) -> float:
-    """Return at how many standard uncertainties one pattern has `ODDS` of being more than chance,
-    ``most`` at most.
+    """Return the number of standard uncertainties at which one pattern has `ODDS` against chance,
+    at most ``most``.
 
-    With few degrees of freedom it is most of the square sum by which the noise is known. ``prior``
-    is a logarithm.
+    With few degrees of freedom the pattern makes up most of the square sum from which the noise is
+    estimated. ``prior`` is a logarithm.
     """
     size = np.linspace(1.0, most, 10 * int(most))
     left = 1.0 - size**2 / (freedom + size**2) * (GROWING / (1.0 + GROWING))[:, None]

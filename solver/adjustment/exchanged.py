@@ -1,9 +1,9 @@
 """Two setups whose names were exchanged.
 
 Two diagonals have steps of the same lengths, so the laser fits either. The readings of all setups
-agree on one machine with the right names alone: an exchange has no size, and its gain in
-likelihood is its evidence (`solver.adjustment.evidence`). An exchange also takes part of a large
-step: it competes with the stops, steps and walks of the same fit, which are repaired afterwards.
+agree on one machine only with the right names: an exchange has no size, and its gain in likelihood
+is its evidence (`solver.adjustment.evidence`). An exchange also explains part of a large step: it
+competes with the stops, steps and walks of the same fit, which are repaired afterwards.
 """
 
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ from stepdiag.solver.model.layout import Layout
 
 
 def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
-    """Return the two setups whose exchange has `ODDS` against none and against every fault of a
-    pass, and the change of all targets (rows,) that gives each the readings of the other; None
-    without.
+    """Return the two setups whose exchange has `ODDS` against no exchange and against every fault
+    of a pass, and the change of all targets (rows,) that gives each the readings of the other; None
+    without such a pair.
 
     ``usual`` is a fit with causes of usual size, in which an exchange does not hide.
     """
@@ -48,8 +48,8 @@ def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] 
 def _pairs(
     layout: Layout,
 ) -> Iterator[tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield each two diagonals with the same passes, stops and lengths of steps, and the rows of
-    both.
+    """Yield each pair of diagonals with the same passes, stops and lengths of steps, and the rows
+    of both.
     """
     rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
     number = np.array([key.number for key in layout.passes])[layout.pass_index]

@@ -1,32 +1,32 @@
 """Errors of a whole survey, and the mixture that is its result.
 
 A wrong stop, step or pass shows in its own residuals (`solver.adjustment.faults`). The errors
-weighed here show nowhere by themselves: a setup of another scale, a machine with errors outside
-every function of an axis (`PRODUCTS`: products of the shares of two axes in a component, and y^2 z
-in Z, a ram that sags), and a machine with unusual growth. A single length compares the seven setups
-of a usual survey, so most of these explain the same pattern alike. Their odds are those of
-`solver.adjustment.evidence`. Stops, steps and walks compete, too: a product must not explain their
-part. Growth and scales of all setups are in V no larger than usual, as they explain the same
-length.
+weighed here have no residual of their own: a setup with another scale, a machine with errors
+outside every function of an axis (`PRODUCTS`: products of the shares of two axes in a component,
+and y^2 z in Z, a ram that sags), and a machine with unusual growth. A single length compares the
+seven setups of a usual survey, so most of these errors explain the same pattern equally well.
+`solver.adjustment.evidence` gives their odds. Stops, steps and walks compete, too: a product must
+not explain their part. In V, growth and scales of all setups have at most their usual size, because
+they explain the same length.
 
-- A kind with less than one in `ODDS` of the odds of the best, nothing among them, is not in the
-  mixture; nor is an explanation with less of the odds of the best of its kind. In a good survey
-  nothing is left open, and its result is that of the plain adjustment.
-- A cause has a name if it has `ODDS` times the probability of all others together.
-- If setups and products are more probable than not and nothing has a name, all candidates are named
-  (`solver.methods.doubt`); with growth among them, if a compensation could leave more than before.
-  The lengths decide on a refusal (`solver.adjustment.diagnostics.scale_findings`).
+- A kind is in the mixture only if its odds are at least one in `ODDS` of the best odds, those of no
+  error included; the same holds for an explanation within its kind. In a good survey no explanation
+  is left open, and its result is that of the plain adjustment.
+- A cause is named if it has `ODDS` times the probability of all others together.
+- If setups and products are more probable than not and none is named, all candidates are reported
+  (`solver.methods.doubt`); with growth among them only if a compensation could leave a larger error
+  than before. The lengths decide on a refusal (`solver.adjustment.diagnostics.scale_findings`).
 
 The mixture is the result. Each explanation is left open by a share of its expected square E[t^2 |
 k, y]: estimate, budget, posterior and predictions use the same causes. The normal distribution with
-the mixture's moments has the share p_k, its probability. If k is true the mixture is off by t (1 -
-p), and 2 u reaches this error with (1 - p)^2 / 4p of p t^2. So every explanation of the smallest
-set of kinds with `SURE` of all probability, nothing included, has the share
+the mixture's moments has the share p_k, its probability. If k is true, the mixture is wrong by t (1
+- p), and 2 u covers this error with (1 - p)^2 / 4p of p t^2. So every explanation of the smallest
+  set of kinds with `SURE` of all probability, no error included, has the share
 
     max(p_k, (1 - p_k) / 4)
 
-Products are no function of an axis: they stand in the posterior as numbers of their own, in no
-table.
+Products are not functions of an axis: the posterior holds them as separate numbers, and no table
+contains them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -63,7 +63,7 @@ from stepdiag.solver.model.layout import Layout
 SURE = 0.95
 """Probability promised by U."""
 MOST_UM, MOST_UM_M = 50.0, 200.0
-"""Larger products or scales do not occur, and no search goes beyond."""
+"""Larger products or scales do not occur, and the search ends there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +74,7 @@ class Explained:
     ``named`` (c,) are setups and places in `PRODUCTS` in the order of ``kinds`` (c,), ``size`` (c,)
     the size of each alone, in um/m or in um at the far end, ``share`` (c,) its probability, and
     ``spread`` (c,) the size left open. ``growth``: probability of unusual growth, ``nothing``:
-    probability that all is usual. ``walk_um`` (m, k) are steps of passes that may wander, at the
+    probability that all is usual. ``walk_um`` (m, k) are steps of passes that may wander, with the
     size left open.
     """
 
@@ -89,23 +89,24 @@ class Explained:
 
     @property
     def grows(self) -> bool:
-        """Return whether growth beyond the usual is what happened, and no setup of another
-        scale."""
+        """Return whether unusual growth is the explanation, and not a setup with another scale."""
         return self.growth > ODDS * self.of_kind(SCALE)
 
     @property
     def unnamed(self) -> bool:
-        """Return whether setups and products are more probable than not, and nothing has a name."""
+        """Return whether setups and products are more probable than not, and none is named."""
         return float(np.sum(self.share)) > 0.5 and not self.names
 
     @property
     def unnamed_with_growth(self) -> bool:
-        """Return whether these and growth are more probable than not, and nothing has a name."""
+        """Return whether setups, products and growth together are more probable than not, and none
+        is named.
+        """
         return float(np.sum(self.share)) + self.growth > 0.5 and not (self.names or self.grows)
 
     @property
     def names(self) -> list[int]:
-        """Return the places of the named explanations: a setup, or the products that stay
+        """Return the indices of the named explanations: a setup, or the products that remain
         probable.
         """
         products, scales = self.probable(PRODUCT), self.probable(SCALE)
@@ -122,7 +123,7 @@ class Explained:
         return float(np.sum(self.share[self.of(kind)]))
 
     def probable(self, kind: str) -> list[int]:
-        """Return the places of the explanations of a kind that stay probable, the best first."""
+        """Return the indices of the explanations of a kind that remain probable, the best first."""
         mine = self.of(kind)
         kept = mine[self.share[mine] > 0.0]
         return [
@@ -134,12 +135,12 @@ class Explained:
 def explained(
     fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[Count]
 ) -> Explained:
-    """Return the mixture of what explains a survey; ``growth_um`` (m, k) is what growth does, of
-    which there may be more.
+    """Return the mixture of the explanations of a survey; ``growth_um`` (m, k) is the effect of
+    growth, which may be larger than usual.
 
     A stop, a step or a walk on ``every`` count of the readings competes for the probability. Stops
-    and steps are repaired elsewhere; a walk is left open as well, or a product would take what may
-    be the walk's.
+    and steps are repaired elsewhere; a walk is left open as well, because a product could otherwise
+    explain its part.
     """
     beside, single, wandering = (
         list(_families(fit, layout)),
@@ -183,8 +184,9 @@ def explained(
 
 
 def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
-    """Return what the adjustment leaves open beside the model: each explanation with its spread,
-    none where no kind is in the mixture."""
+    """Return the effects that the adjustment leaves open outside the model: each explanation with
+    its spread, none where no kind is in the mixture.
+    """
     scales, products = found.of(SCALE), found.of(PRODUCT)
     of_scales = _of_setups(layout, found.named[scales])
     opened = (
@@ -204,11 +206,11 @@ def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
 
 
 def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
-    """Return the probability of each explanation, shape (c,), by their odds against nothing
-    (logarithms); the rest belongs to nothing.
+    """Return the probability of each explanation, shape (c,), from their odds against no error
+    (logarithms); the rest is the probability of no error.
 
-    A kind with less than one in `ODDS` of the best is not in the mixture: explanations of a common
-    pattern stand or fall together.
+    A kind with less than one in `ODDS` of the best is not in the mixture: explanations with a
+    common pattern are kept or dropped together.
     """
     best = max(float(np.max(odds)), 0.0)
     weight, none = np.exp(odds - best), float(np.exp(-best))
@@ -223,8 +225,8 @@ def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
 def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
     """Return the share of its expected square by which each explanation is left open, shape (c,).
 
-    The share is the probability, and in the smallest set of kinds that with nothing holds `SURE` of
-    all at least the share whose 2 u reaches over the explanation.
+    The share is the probability. In the smallest set of kinds that, with no error, has `SURE` of
+    all probability, it is at least the share whose 2 u covers the explanation.
     """
     held, inside = 1.0 - float(np.sum(share)), []
     of_kind = {str(kind): float(np.sum(share[kinds == kind])) for kind in np.unique(kinds)}
@@ -239,8 +241,9 @@ def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
 
 
 def products_um(layout: Layout) -> Vector:
-    """Return what 1 um of each product at the far corner does to every reading, shape (m,
-    products); zero without a volume."""
+    """Return the effect of 1 um of each product at the far corner on every reading, shape (m,
+    products); zero without a volume.
+    """
     if not layout.volume.solid:
         return np.zeros((len(layout), len(PRODUCTS)))
     share = (layout.position_mm - layout.volume.origin_mm) / layout.volume.length_mm
@@ -302,12 +305,12 @@ def _family(
 
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:
-    """Return what a scale of 1 um/m of each setup does to every reading, shape (m, setups)."""
+    """Return the effect of a scale of 1 um/m of each setup on every reading, shape (m, setups)."""
     return np.asarray(along_the_way_m(layout)[:, None] * (layout.setup_index[:, None] == setups))
 
 
 def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
-    """Return the odds (logarithm) of more growth in time than is usual."""
+    """Return the log-odds of growth in time beyond the usual."""
     if not growth_um.shape[1]:
         return -np.inf
     response = response_of(fit, np.arange(len(growth_um)), growth_um)

@@ -1,10 +1,10 @@
-"""Contradictions of a survey, a stop, a step or a pass: found, and left out if the readings
+"""Contradictions of a survey, a stop, a step or a pass: searched, and left out if the readings
 themselves show the cause.
 
 A single pass of each diagonal checks every stop once or not at all, and two passes may share a
 check: then the residuals alone cannot separate them. The smoothness of the machine that an
-explanation leaves is part of its odds (`solver.adjustment.evidence`). If they do not decide, every
-explanation is left open as widely as the contradiction is large, all are named, and such a survey
+explanation leaves is part of its odds (`solver.adjustment.evidence`). If the odds do not decide,
+every explanation is left open with the size of the contradiction, all are named, and such a survey
 may not compensate a machine.
 """
 
@@ -46,18 +46,19 @@ machine.
 """
 MOST_WEIGHED = 200
 FREE_UM = 1e3
-"""Of a size of which nothing is known beforehand."""
+"""The prior of a size about which nothing is known in advance."""
 MOST = 0.05
-"""With more contradictions than this share of the stops, single stops are not the trouble."""
+"""With more contradictions than this share of the stops, single stops are not the cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fault:
-    """A stop, a step or a walk: its ``pattern`` (k, r) on ``rows`` (k,), its size and the reading
-    of its name.
+    """A stop, a step or a walk: its ``pattern`` (k, r) on ``rows`` (k,), its size, and the reading
+    by which it is named.
 
-    ``odds``: logarithm of its odds against nothing, of which ``prior`` comes before any reading and
-    ``smoother`` from the machine's smoothness. ``without`` (count,): the unknowns if it is true.
+    ``odds``: logarithm of its odds against no fault, including ``prior``, the part before any
+    reading, and ``smoother``, the part of the machine's smoothness. ``without`` (count,): the
+    unknowns if the fault is true.
     """
 
     kind: str
@@ -101,8 +102,9 @@ class Suspicion:
 
 
 def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> Suspicion | None:
-    """Return the worst contradiction among the readings, None where nothing explains them `ODDS`
-    times better than chance."""
+    """Return the worst contradiction among the readings; None unless an explanation is `ODDS` times
+    as likely as chance.
+    """
     # the misses of the machine take most of what checks a reading: in a small survey no reading
     # alone is checked, and all together are
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
@@ -121,7 +123,7 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> 
 
 
 def families(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
-    """Return the wrong stops and the steps of ``every`` count of the readings that are used."""
+    """Return the wrong stops and the steps on ``every`` count of the used readings."""
     for count in every:
         yield from _on_count(fit, count)
 
@@ -154,8 +156,8 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
 
 
 def most_odds(fit: MixedFit, every: Sequence[Count]) -> float:
-    """Return the odds (logarithm) against nothing of the best stop, step or walk on ``every`` count
-    of the readings, by the readings alone; minus infinity without counts.
+    """Return the log-odds, against no fault, of the best stop, step or walk on ``every`` count of
+    the readings, by the readings alone; minus infinity without counts.
     """
     single = list(families(fit, every))
     weighed = [family.weighed(fit, number_of(single, family.kind)).log_odds for family in single]
@@ -164,7 +166,7 @@ def most_odds(fit: MixedFit, every: Sequence[Count]) -> float:
 
 
 def number_of(every: Sequence[Family], kind: str) -> int:
-    """Return how many explanations of a kind there are."""
+    """Return the number of explanations of a kind."""
     return sum(len(one.named) for one in every if one.kind == kind)
 
 
@@ -212,7 +214,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
 
 def walks(fit: MixedFit, every: Sequence[Count]) -> list[Fault]:
     """Return for each count the fault that its pass wanders: all its steps at once, as a random
-    walk beside the usual effects of every pass.
+    walk in addition to the usual effects of every pass.
     """
     found, prior = [], log_prior(WALK, len(every))
     for count in every:
@@ -242,7 +244,7 @@ def walks(fit: MixedFit, every: Sequence[Count]) -> list[Fault]:
 
 
 def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: str) -> Suspicion:
-    """Return a suspicion with how far its explanations are apart."""
+    """Return a suspicion with the distance between its explanations."""
     if suspicion.decided:
         return suspicion
     wanted = quantities(columns, volume)
@@ -268,8 +270,9 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
 
 
 def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effect]:
-    """Return what the adjustment leaves open from now on: a decided step entirely, a possible one,
-    and a walk, by its size."""
+    """Return the effects that the adjustment leaves open from now on: a decided step completely, a
+    possible step and a walk by its size.
+    """
     free = suspicion.decided and suspicion.best.kind == STEP
     return [
         Effect(

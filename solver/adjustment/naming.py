@@ -15,8 +15,9 @@ from stepdiag.solver.adjustment.faults import Fault, Suspicion
 from stepdiag.solver.model.layout import Layout
 
 APART_UM = 0.5
-"""Explanations whose machines differ by less over the volume (rms) may be left open: whatever is
-true, the result hardly moves."""
+"""Largest difference over the volume (rms) between the machines of explanations that may be left
+open: whichever is true, the result hardly changes.
+"""
 
 
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
@@ -47,7 +48,7 @@ def name_excess(count: int) -> Finding:
 
 
 def name_explained(layout: Layout, found: Explained) -> list[Finding]:
-    """Return the finding on what is beside the model and has a name."""
+    """Return the finding on an explanation outside the model that is named."""
     products = [suspect(layout, found, at) for at in found.names if found.kinds[at] == PRODUCT]
     if products:
         return [finding("warning", message("machine-beside-model", suspects=products))]
@@ -59,7 +60,7 @@ def name_explained(layout: Layout, found: Explained) -> list[Finding]:
 
 
 def suspect(layout: Layout, found: Explained, at: int) -> Message:
-    """Return the words for one explanation of several beside the model."""
+    """Return the words for one of several explanations outside the model."""
     size = float(found.size[at])
     if found.kinds[at] == PRODUCT:
         return message("suspect-product", product=tuple(PRODUCTS)[found.named[at]], size_um=size)
@@ -88,8 +89,8 @@ def _suspect(layout: Layout, one: Fault) -> Message:
 
 
 def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
-    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else
-    the survey is unusable.
+    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, or
+    else the survey is unusable.
     """
     among = _passes_of(layout, walks)
     if len(walks) > 1:
@@ -106,7 +107,7 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
 
 
 def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
-    """Return the passes that faults are about: of a walk all on its count."""
+    """Return the passes concerned by faults: for a walk all passes on its count."""
     rows = np.concatenate([one.rows if one.kind == WALK else [one.named] for one in every])
     named = {layout.passes[int(number)] for number in layout.pass_index[rows]}
     return tuple(key.place for key in layout.passes if key in named)

@@ -1,4 +1,4 @@
-"""Scatter of a machine and its laser: estimated before anything is called a contradiction.
+"""Scatter of a machine and its laser: estimated before the search for contradictions.
 
 Theory of operation. A reading differs from the model by two kinds of chance:
 
@@ -8,20 +8,21 @@ Theory of operation. A reading differs from the model by two kinds of chance:
     noise   the laser's own scatter, stated by each stop, and beside it vibration and turbulence of
     the setup, of each stop alone.
 
-A pass without overrun has its axes come from anywhere: the misses at its first stop have a size of
-their own, with their backlash. Misses are unknowns of the adjustment held to zero by a prior within
-the repeatability (`solver.model.priors`); noise is the inverse root of a reading's weight. Repeats,
-the way out against the way back, and the pattern of three stops of a miss in a step diagonal
-separate the two. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979;
-once settled it is the restricted maximum likelihood)
+In a pass without overrun the axes reach the first stop from either side: the misses at its first
+stop have a separate size, which includes the backlash. Misses are unknowns of the adjustment, held
+near zero by a prior with the repeatability (`solver.model.priors`); noise is the inverse root of a
+reading's weight. Repeats, the comparison of the way out with the way back, and the pattern of three
+stops of a miss in a step diagonal separate the two. A standard deviation s that was assumed as s0
+has the likelihood (Foerstner 1979; after convergence it is the restricted maximum likelihood)
 
     log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of
     weighted squared residuals
 
-over its rows. Before wrong stops are found, S comes from the median of the residuals, which single
-stops do not move. The prior is normal in the logarithm: the axes of a machine repeat alike, setups
-of a survey are alike, and both lie within a broad range of what is assumed. All are most likely
-together; where the readings show nothing, the assumed size stays.
+over its rows. Before the search for wrong stops, S comes from the median of the residuals, which
+single stops do not change. The prior is normal in the logarithm: the axes of a machine have similar
+repeatability, setups of a survey are similar, and both are within a broad range of the assumed
+size. The sizes are estimated together as the most likely; where the readings show nothing, the
+assumed size stays.
 """
 
 from collections.abc import Sequence
@@ -40,32 +41,38 @@ from stepdiag.solver.model.noise import CHECKED, LEAST_FREEDOM, LEAST_U_UM
 FIRST = 3
 """Kind of the misses at first stops; 0, 1, 2 are the axes."""
 FIRST_UM = 1.0
-"""At a first stop: half the backlash of an ordinary machine without overrun, its repeatability with
-an overrun.
+"""Assumed miss at a first stop: half the backlash of an ordinary machine without overrun, its
+repeatability with an overrun.
 """
 BROAD = 1.0
 """Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a
 grinding machine to a worn one."""
 AXES_ALIKE = 0.3
-"""Of an axis beside the others of its machine: by a third up or down."""
+"""Standard deviation of the logarithm for an axis relative to the others of its machine: by a third
+up or down.
+"""
 SETUPS_ALIKE = 0.5
-"""Of the noise of a setup beside the others': beams differ in length and in their air."""
+"""Standard deviation of the logarithm for the noise of a setup relative to the others: beams differ
+in length and in their air.
+"""
 BESIDE_STATED_UM = 0.05
-"""Noise beside what the stops state: the mean over a dwell averages vibration out."""
+"""Assumed noise in addition to the statement of the stops: the mean over a dwell averages vibration
+out.
+"""
 SETTLED = 0.05
-"""Sizes that change by less than this share are found."""
+"""Sizes that change by less than this share have converged."""
 ROUNDS = 8
 _LOG = np.linspace(-8.0, 8.0, 401)
 _COMMON = np.linspace(-8.0, 8.0, 161)
 _NORMAL = 1.4826
-"""Standard deviation of a normal variable over the median of its size."""
+"""Ratio of the standard deviation of a normal variable to the median of its size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
     """``misses_um`` (4,): standard deviation of the miss of a move of each axis, and of each axis
-    at the first stop of a pass (`FIRST`); ``noise_um`` (setups,): of a reading of each setup beside
-    its statement, or of all its noise without a statement. ``freedom_misses`` and
+    at the first stop of a pass (`FIRST`); ``noise_um`` (setups,): noise of a reading of each setup
+    in addition to its statement, or all its noise without a statement. ``freedom_misses`` and
     ``freedom_noise``: their degrees of freedom.
     """
 
@@ -76,8 +83,9 @@ class Scatter:
 
     @property
     def repeatability_um(self) -> float:
-        """Return the repeatability of an approach, root mean square over the axes that show theirs,
-        over all where none does."""
+        """Return the repeatability of an approach, root mean square over the axes with a measured
+        repeatability, over all where none has one.
+        """
         shown = self.freedom_misses[:FIRST] > 0
         return float(
             np.sqrt(np.mean(self.misses_um[:FIRST][shown if np.any(shown) else slice(None)] ** 2))
@@ -85,7 +93,7 @@ class Scatter:
 
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
-        """Return what is assumed of a survey."""
+        """Return the assumed scatter of a survey."""
         return cls(
             misses_um=np.append(np.full(3, max(assumed.repeatability_um, LEAST_U_UM)), FIRST_UM),
             noise_um=np.where(_unstated(layout), assumed.reading_um, BESIDE_STATED_UM),
@@ -101,7 +109,9 @@ class Scatter:
         return u
 
     def near(self, other: "Scatter", layout: Layout) -> bool:
-        """Return whether readings and misses beside them scatter alike within `SETTLED`."""
+        """Return whether the scatter of readings and misses agrees with another within
+        `SETTLED`.
+        """
         own, others = (one.u_um(layout) for one in (self, other))
         misses = np.hypot(self.misses_um, np.mean(own)) / np.hypot(other.misses_um, np.mean(others))
         return bool(np.max(np.abs(np.log(np.concatenate([misses, own / others])))) < SETTLED)
@@ -109,8 +119,8 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Misses:
-    """The rows that hold misses to zero: their places ``rows`` (k,) and the ``kind`` (k,) of each,
-    its axis or `FIRST`.
+    """The rows that hold misses near zero: their places ``rows`` (k,) and the ``kind`` (k,) of
+    each, its axis or `FIRST`.
     """
 
     rows: NDArray[np.int64]
@@ -144,8 +154,9 @@ def estimated(
 def _noise(
     fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, robust: bool
 ) -> tuple[Vector, Vector]:
-    """Return the noise of every setup, and how many degrees of freedom showed it, shapes
-    (setups,)."""
+    """Return the noise of every setup, and the degrees of freedom of its estimate, shapes
+    (setups,).
+    """
     stated = _stated_um(layout)
     used_um = before.u_um(layout)
     likely, freedom = [], np.zeros(len(layout.setups))
@@ -163,8 +174,9 @@ def _noise(
 
 
 def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
-    """Return degrees of freedom and square sum that the residuals of some rows show of their
-    scatter."""
+    """Return degrees of freedom and square sum of the residuals of some rows, as evidence of their
+    scatter.
+    """
     redundancy = fit.redundancy[rows]
     used = (redundancy > CHECKED) & (fit.weight[rows] > 0)
     checked, freedom = rows[used], float(np.sum(redundancy[used]))
@@ -189,7 +201,7 @@ def _together(
     """Return the sizes of a class that are most likely together, shape (k,).
 
     ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a
-    size of its own beside the assumed.
+    common size in addition to the assumed.
     """
     common, size = _COMMON[:, None], np.log(assumed)
     each = [
@@ -215,12 +227,14 @@ def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
 
 
 def _stated_um(layout: Layout) -> Vector:
-    """Return what every reading states, 0 where it states nothing, shape (m,)."""
+    """Return the uncertainty stated by every reading, 0 without a statement, shape (m,)."""
     return np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
 
 
 def _unstated(layout: Layout) -> NDArray[np.bool_]:
-    """Return for every setup whether any of its readings states nothing, shape (setups,)."""
+    """Return for every setup whether any of its readings has no stated uncertainty, shape
+    (setups,).
+    """
     return np.array(
         [
             not np.all(np.isfinite(layout.u_um[layout.setup_index == index]))

@@ -1,6 +1,6 @@
 """Wrong sign of a given angular function, tested before any test of the readings.
 
-A function of the other sign is a linear change of the expected readings, so its size is estimated
+A function with the other sign is a linear change of the expected readings, so its size is estimated
 before the test: 1 for a wrong sign, 0 for a right sign. A fault of readings has some other size,
 and is searched afterwards, with the right signs.
 """
@@ -15,17 +15,16 @@ from stepdiag.solver.linear.components import likelier
 from stepdiag.solver.linear.mixed import MixedFit
 
 BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
-"""Twice the logarithm of what the likelihood must gain by the other sign to have `ODDS` of being
-it."""
+"""Twice the gain in log-likelihood by the other sign that gives it `ODDS`."""
 LEAST, MOST = 0.6, 1.6
-"""Sizes between which the other sign is meant, beside what is wrong as well."""
+"""Range of sizes that count as the other sign, although other errors may be present."""
 
 
 def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
-    """Return the functions whose other sign makes the readings likelier, each by more than chance;
-    their sizes are found together.
+    """Return the functions whose other sign makes the readings significantly likelier; their sizes
+    are estimated together.
 
-    ``turned`` holds for each function by what its other sign changes the target of the fit, shape
+    ``turned`` holds for each function the change of the fit's target by its other sign, shape
     (rows,); the sizes of all causes stay.
     """
     names = [name for name in turned if _square(current, turned[name]) > BETTER]

@@ -1,9 +1,9 @@
-"""Largest slip of the laser's count that may go unnoticed, by the places of the stops and the
+"""Largest slip of the laser's count that may remain unnoticed, by the places of the stops and the
 mutual checks of the readings.
 
 The smallest visible step of a count over the residue of the fit and the usual causes (Baarda 1968,
-minimal detectable bias). The size needs no reading: a plan states it before the survey, a result
-after, by the same figures.
+minimal detectable bias). The size needs no reading: a plan states it before the survey, and a
+result afterwards, from the same formula.
 """
 
 from collections.abc import Collection, Iterator
@@ -24,20 +24,22 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 NEARLY_ALWAYS = 1.6
-"""A step larger by this factor than a step named in half of the surveys is nearly always named:
-6.65 for 5 standard uncertainties by the normal distribution (95 %), and more where effects larger
-than usual explain part of a step.
+"""Factor from the size of a step that is named in half of the surveys to a size that is nearly
+always named: 6.65 for 5 standard uncertainties by the normal distribution (95 %), and more where
+effects larger than usual explain part of a step.
 """
 MOST_STANDING = 10.0
-"""Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6
-times that size were named or refused."""
+"""Multiple of that size: in surveys with three to ten degrees of freedom nearly all slips of 1.6
+times the size were named or refused.
+"""
 NOTHING_UM = 1e-6
 """A step of 1 um with a smaller effect on the volume counts as harmless: at the turn of a count
 1e-9 is rounding, elsewhere 0.1 is little.
 """
 TELLS_MORE = 1.3
-"""A slip that makes the volume's errors larger by this factor than the noise of the readings does
-is reported with its pass."""
+"""Factor between the volume's error by a slip and that by the noise of the readings, beyond which
+the slip is reported with its pass.
+"""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and their kinds of setups."""
 
@@ -54,8 +56,9 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
 
 
 def stands_out(fit: MixedFit, layout: Layout) -> float:
-    """Return at how many standard uncertainties a step is no chance (`solver.adjustment.evidence`),
-    `MOST_STANDING` at most."""
+    """Return the number of standard uncertainties beyond which a step is not chance
+    (`solver.adjustment.evidence`), at most `MOST_STANDING`.
+    """
     return standing_out(
         max(fit.freedom, 1),
         log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))),
@@ -66,13 +69,13 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
 def slips_report(
     fit: MixedFit, layout: Layout, design: Design, wanted: Collection[str] = tuple(KINDS)
 ) -> UnseenSlips | None:
-    """Return for the ``wanted`` of diagonals and runs along an axis the most harmful unseen slip
+    """Return for the ``wanted`` of diagonals and runs along an axis the most harmful unnoticed slip
     (um; None: of any size); None without either.
 
     ``volume_um`` is the effect of a slip of ``half_um`` there on the errors over the volume (rms),
     as far as identified, ``readings_um`` the effect of the readings' noise (k = 1). ``passes`` are
-    the passes in which a slip seen in half of the surveys makes more than `TELLS_MORE` times the
-    effect of both together: no stated uncertainty holds it.
+    the passes in which a slip that is named in half of the surveys has more than `TELLS_MORE` times
+    the effect of both together: no stated uncertainty includes it.
     """
     field, report, out = (
         _Field.of(fit, layout, design),
@@ -105,8 +108,9 @@ def slips_report(
 
 
 class _Worst(NamedTuple):
-    """The step that does most harm in a pass: the reading that it is before, how well it is known,
-    what it makes of the volume."""
+    """The most harmful step in a pass: the reading after it, its uncertainty, its effect on the
+    volume.
+    """
 
     row: int
     u_um: float
@@ -114,11 +118,11 @@ class _Worst(NamedTuple):
 
 
 def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iterator[_Worst]:
-    """Yield for every pass of a count the step that makes most of the volume where it is just seen
-    in half of the surveys.
+    """Yield for every pass of a count the step with the largest effect on the volume among those
+    named in half of the surveys.
 
-    It is not the least visible step: on a single count a step at the turn hides well, in the
-    backlash, and harms no way, whatever its size.
+    It is not the least visible step: on a single count a step at the turn is hidden by the
+    backlash, and has no effect on the ways, whatever its size.
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
@@ -154,7 +158,7 @@ def _slip(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Field:
-    """The identified errors over the volume, as few numbers with the same sum of squares.
+    """The identified errors over the volume, as a few numbers with the same sum of squares.
 
     ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects of a unit of each unknown,
     and of 1 um in each reading, on them in um; ``values`` is the number of components of the errors
@@ -168,7 +172,7 @@ class _Field:
 
     @classmethod
     def of(cls, fit: MixedFit, layout: Layout, design: Design) -> Self:
-        """Return those of a fit at a lattice of nodes."""
+        """Return these numbers for a fit at a lattice of nodes."""
         every = quantities(design.columns, layout.volume)
         wanted = every.select(np.flatnonzero(fit.inverse.sees(every.combination)))
         field = lattice_field_um(wanted, layout.volume, design.chain)
@@ -188,16 +192,18 @@ class _Field:
         )
 
     def noise_um(self) -> float:
-        """Return what the readings' noise makes of them, root mean square of the vectors (k =
-        1)."""
+        """Return the effect of the readings' noise on them, root mean square of the vectors (k =
+        1).
+        """
         known = self.fit.inverse.solve(self.by_unknowns.T)
         return float(
             np.sqrt(max(3.0 * float(np.sum(self.by_unknowns.T * known)) / self.values, 0.0))
         )
 
     def moved_um(self, count: Count) -> Vector:
-        """Return what a step of 1 um before each reading but the first makes of them, root mean
-        square of the vectors."""
+        """Return the effect of a step of 1 um before each reading but the first on them, root mean
+        square of the vectors.
+        """
         return self._rms_um(from_each_on(self.by_readings[count.rows])[1:])
 
     def _rms_um(self, off_um: Vector) -> Vector:

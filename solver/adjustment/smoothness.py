@@ -10,7 +10,7 @@ from stepdiag.solver.model.design import Columns
 
 FUNCTIONS = 9
 LEAST_POWER_UM2 = 1e-8
-"""Functions without any noise (simulated) must not make an infinite likelihood."""
+"""Functions without any noise (simulated) must not give an infinite likelihood."""
 
 
 def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vector:
@@ -20,9 +20,9 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
     ``variance_um2`` (count,) is the variance of each unknown by noise: values with scatter are no
     rougher than their noise.
 
-    Their half waves over the travel are normal with a power that falls, or stays, with their
-    number, by the functions themselves (isotonic maximum likelihood): a jump at a target puts as
-    much into the shortest waves as into the long waves.
+    Their half waves over the travel are normal with a power that does not rise with their number,
+    estimated from the functions themselves (isotonic maximum likelihood): a jump at a target adds
+    as much to the shortest waves as to the long waves.
     """
     waves = columns.nodes - 1
     if waves < 2:
@@ -46,8 +46,9 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
 
 
 def _falling(power: Vector) -> Vector:
-    """Return the nearest sequence that nowhere rises (pool adjacent violators: the maximum
-    likelihood of falling variances)."""
+    """Return the nearest sequence that never rises (pool adjacent violators: the maximum likelihood
+    of falling variances).
+    """
     pooled: list[tuple[float, int]] = []
     for value in power.tolist():
         mean, count = value, 1

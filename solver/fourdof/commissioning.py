@@ -35,12 +35,11 @@ def fit_curve(
     degree: int = 5,
     u_reference_um: float = 0.0,
 ) -> CurveFit:
-    """Return the curve of a detector axis from a two-column run: normalised reading and the spot
-    shift it stands for.
+    """Return the curve of a detector axis from a two-column run: normalised reading and spot shift.
 
     The shift is twice the reference stage's displacement on the QD, and ``2 f tan(angle)`` on PSD2.
-    The fit is least squares in powers of the reading, or of its inverse error function. Refused
-    (DataError) with fewer than two rows more than coefficients, or where a reading does not decide
+    The fit is least squares in powers of the reading, or of its inverse error function. Raises
+    DataError for fewer than two rows more than coefficients, or where a reading does not determine
     its shift.
     """
     readings, shifts = np.asarray(reading, dtype=np.float64), np.asarray(shift_um, dtype=np.float64)

@@ -58,7 +58,7 @@ class Curve:
         return shift
 
     def covers(self, reading: Vector) -> Mask:
-        """Return whether each reading lies where the curve was calibrated."""
+        """Return whether each reading is within the calibrated range of the curve."""
         inside: Mask = (reading >= self.low) & (reading <= self.high)
         return inside
 
@@ -70,8 +70,9 @@ def curve_variable(kind: CurveKind, reading: ArrayLike) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectorAxis:
-    """One axis of a detector. ``sign`` undoes the fold mirrors and splitters in its plane
-    (theory.md 9)."""
+    """One axis of a detector. ``sign`` removes the effect of fold mirrors and splitters in its
+    plane (theory.md 9).
+    """
 
     sign: Literal[1, -1] = 1
     curve: Curve = field(default_factory=Curve)
@@ -82,7 +83,7 @@ class Detector:
     """A two-axis detector with its light levels; ``rotation_mrad`` is its roll about the beam, from
     x to y.
 
-    ``dark`` is what difference x, difference y and sum read without light.
+    ``dark`` are difference x, difference y and sum without light.
     """
 
     x: DetectorAxis = field(default_factory=DetectorAxis)
@@ -95,8 +96,7 @@ class Detector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spots:
-    """Spot shifts in um, shape (N, 2), NaN where there is no usable light, and what is wrong with
-    each sample."""
+    """Spot shifts in um, shape (N, 2), NaN without usable light, and the faults of each sample."""
 
     shift_um: Vector
     u_um: tuple[float, float]

@@ -1,12 +1,12 @@
 """Drift of the source's pointing during a run, freed of the drift detector's own noise.
 
-PSD1 measures the drift with a noise of its own, and the lever carries this noise into the
-straightness: 1.7 urad at 8 m are 14 um. A source drifts slowly, a detector's noise has no memory: a
-random walk seen through white noise (the local level model; Harvey, Forecasting, Structural Time
-Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). The speed of the walk against the
-noise follows from three sources: the series itself, the noise of each stop within its dwell, and
-the quadrant detector, whose spot a real drift moves as well: the corrected spot must be smoother.
-The drift is the mean over all likely speeds, its uncertainty includes their spread.
+PSD1 measures the drift with its own noise, which the lever carries into the straightness: 1.7 urad
+at 8 m are 14 um. A source drifts slowly, and a detector's noise has no memory: a random walk
+observed with white noise (the local level model; Harvey, Forecasting, Structural Time Series Models
+and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise
+follows from three sources: the series itself, the noise of each stop within its dwell, and the
+quadrant detector. A real drift moves its spot as well, so the corrected spot must be smoother. The
+drift is the mean over all likely speeds, its uncertainty includes their spread.
 """
 
 from dataclasses import dataclass
@@ -17,19 +17,22 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 LEAST_SAMPLES = 5
-"""Fewer samples do not give the speed of a drift."""
+"""A smaller number of samples does not determine the speed of a drift."""
 QUICKEST = 1e4
 """Variance of a step of the walk over the variance of the noise: beyond this ratio the detector's
 values are taken unsmoothed.
 """
 SPEEDS = 25
 MOST_BENDS = 40
-"""The bends of a longer series count no more than so many: they punish what is left too rough, not
-what is left of a slow drift."""
+"""The bends of a longer series count at most as this number: they reveal a drift that is left too
+rough, not the rest of a slow drift.
+"""
 BENDS_COUNT = 0.1
-"""Of the bends count: what a drift leaves of itself is bent alike from stop to stop. With half of
-them the likeliest drift is too smooth (one way over 8 m, 1.7 urad of noise: 83 % of the values
-within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with none)."""
+"""Share of the bends that counts as evidence: neighbouring stops share most of the bend of a
+remaining drift. With half of them the most likely drift is too smooth (one way over 8 m, 1.7 urad
+of noise: 83 % of the values within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with
+none).
+"""
 BENDS_SHARE = 1.94
 """Second differences of white noise have correlations of -2/3 and 1/6: 1 + 2 (4/9 + 1/36), the
 variance of a slope between two such."""
@@ -37,7 +40,7 @@ variance of a slope between two such."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """The pointing as it drifted, and its standard uncertainty, in urad, shapes (N,)."""
+    """The pointing drift and its standard uncertainty, in urad, shapes (N,)."""
 
     angle_urad: Vector
     u_urad: Vector
@@ -49,8 +52,8 @@ def slow_drift(
     """Return the drift at each time, shapes (N,), from the values of PSD1; times ascend.
 
     ``u_urad`` is the noise of each value by itself (0: none), ``spot_um`` half of the quadrant
-    detector's shift, in which the drift stands times ``lever_mm``. Of fewer than `LEAST_SAMPLES`
-    the values are returned as they are.
+    detector's shift, which contains the drift times ``lever_mm``. With fewer than `LEAST_SAMPLES`
+    the values are returned unchanged.
     """
     if len(seen_urad) < LEAST_SAMPLES:
         return Drift(angle_urad=seen_urad, u_urad=u_urad)
@@ -76,11 +79,11 @@ def slow_drift(
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of the quick rest that is no noise, since the spot moves with it, and its
-    uncertainty, shapes (N,).
+    """Return the part of the fast residual that also moves the spot, so that it is no noise, and
+    the uncertainty of this part, shapes (N,).
 
-    If a part g of the rest is the beam's, the spot's bends are g times lever times the rest's: a
-    regression gives g.
+    If a part g of the rest belongs to the beam, the bends of the spot are g times the lever times
+    the bends of the rest: a regression gives g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)
@@ -98,8 +101,9 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
 
 @dataclass(frozen=True, slots=True)
 class _Smoothed:
-    """For every speed, shapes (N, speeds) and (speeds,): the level, its variance in parts of the
-    noise's, that, and the likelihood."""
+    """For every speed, shapes (N, speeds) and (speeds,): the level, its variance and the variance
+    of the noise relative to the noise's, and the likelihood.
+    """
 
     level: Vector
     share: Vector
@@ -108,7 +112,7 @@ class _Smoothed:
 
 
 def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
-    """Return filter and smoother for steps of variances ``speed`` (N - 1, speeds), all in parts of
+    """Return filter and smoother for steps of variances ``speed`` (N - 1, speeds), all relative to
     the noise's variance.
     """
     count = speed.shape[1]

@@ -9,8 +9,8 @@ detector (PSD2) by ``+a``. Hence
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
 and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is
-undone: air that bends the beam on the way bends the returning beam for PSD1 too and stays in the
-result. A shift of the beam without a turn stays too: half of the shift.
+corrected: air that bends the beam on the way bends the returning beam for PSD1 too and stays in the
+result. Half of a parallel shift of the beam also stays in the result.
 """
 
 from dataclasses import dataclass, field
@@ -30,7 +30,9 @@ URAD_PER_ARCSEC = np.pi / 648000 * 1e6
 STRAIGHTNESS_RANGE_UM = 650.0
 """Range over which the published head was calibrated (Feng 2008, abstract)."""
 ANGLE_RANGE_ARCSEC = 600.0
-"""Range of the angle detector of the published head (Feng 2008, abstract): beyond it a remark."""
+"""Range of the angle detector of the published head (Feng 2008, abstract); a larger angle gives a
+remark.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +41,8 @@ class Crosstalk:
     detectors' x and y.
 
     ``vertex_mm``: corner-cube vertex from the point whose straightness is wanted: lateral x, y and
-    along the beam (positive towards the head). ``psd1_leak``, ``psd2_leak``: angle a lateral beam
-    shift pretends, urad per um, where a detector stands out of its lens's focus. ``qd_gain_per_m``:
+    along the beam (positive towards the head). ``psd1_leak``, ``psd2_leak``: apparent angle by a
+    lateral beam shift, urad per um, where a detector is out of its lens's focus. ``qd_gain_per_m``:
     relative growth of the QD's gain with the distance beyond ``qd_calibrated_at_mm``, because the
     spot grows.
     """
@@ -55,9 +57,9 @@ class Crosstalk:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
     """The sums of QD, PSD1 and PSD2 under the same light, and the largest share by which a sum may
-    depart from the other two.
+    differ from the other two.
 
-    A spot cut off by an edge loses light alone; a laser that changes its power changes all three.
+    A spot cut off by an edge reduces one sum; a laser that changes its power changes all three.
     """
 
     sums: tuple[float, float, float]
@@ -70,8 +72,8 @@ class Head:
 
     The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d +
     extra_path_mm / 2``: the whole way from the source's pivot to the cube, and half of the extra
-    way from the cube back to the QD. A lever found by the lever that `fourdof commission` writes
-    holds the extra path already. ``lever_scale`` differs from 1 when PSD1's gain does.
+    way from the cube back to the QD. A lever measured with the lever of `fourdof commission`
+    already includes the extra path. ``lever_scale`` differs from 1 when PSD1's gain does.
     """
 
     qd: Detector = field(default_factory=Detector)
@@ -101,9 +103,9 @@ class Motion:
     """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light
     was not usable.
 
-    ``raw_*`` is the same without drift compensation; ``drift_urad`` is PSD1's angle, freed of its
-    noise where times were given, and ``u_drift_urad`` what is uncertain about it then (else zero);
-    ``u_*`` of the motion come from the detectors' calibration; ``usable`` is False where the sample
+    ``raw_*`` is the same without drift compensation. ``drift_urad`` is PSD1's angle, without its
+    noise where times were given, and ``u_drift_urad`` its remaining uncertainty (else zero).
+    ``u_*`` of the motion come from the detectors' calibration. ``usable`` is False where the sample
     was blocked, saturated or outside the calibrated range.
     """
 
@@ -140,7 +142,7 @@ def motion(
 
     ``travel_mm`` (N,) is the target's travel away from the head since the position to which
     ``dead_path_mm`` belongs; ``roll_urad`` (scalar or (N,)), from a level, serves the correction of
-    the cube's lateral offset only. With ``time_s`` (N,) the samples are of a single run and the
+    the cube's lateral offset only. With ``time_s`` (N,) the samples belong to a single run and the
     drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise of
     each sample, a mean, by itself.
     """
@@ -195,7 +197,8 @@ def _freed_of_noise(
     psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector
 ) -> tuple[Vector, Vector]:
     """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
-    without light stay as they are."""
+    without light stay unchanged.
+    """
     # a stop that was driven again stands in its place of the run, not of the time
     in_time = np.argsort(time_s, kind="stable")
     lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
@@ -230,8 +233,8 @@ def _at_reference(
 
 
 def _clipped(head: Head, channels: Vector) -> Mask:
-    """Return the samples (N,) in which a sum has left the others: an edge or the electronics cut
-    its spot.
+    """Return the samples (N,) in which a sum differs from the others: an edge or the electronics
+    cut its spot.
     """
     if head.light is None:
         return np.zeros(len(channels), dtype=bool)

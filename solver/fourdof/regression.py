@@ -1,9 +1,9 @@
 """The head's calibration from a run with the machine as its stage: a regression over all nine
 channels.
 
-The machine jogs the target sideways by known amounts at two distances or more, and stands while the
-laser's pointing wobbles. In one lateral frame (theory.md 9), with the target moved by ``m``, at
-``X`` of its end, and a pointing ``a`` of the source at lever ``L = l + d``
+The machine moves the target sideways by known amounts at two distances or more, and stands still
+while the laser's pointing wobbles. In one lateral frame (theory.md 9), with the target moved by
+``m``, at ``X`` of its end, and a pointing ``a`` of the source at lever ``L = l + d``
 
     spot on the QD   q = 2 (m + X) - 2 L a         times 1 + growth (d - middle)
     PSD1               = -a + leak1 q
@@ -11,10 +11,10 @@ laser's pointing wobbles. In one lateral frame (theory.md 9), with the target mo
 
 and each detector reads these through two gains with their signs and its roll. The pointing is an
 unknown of every row. The pointing is linear in the model and is eliminated row by row (variable
-projection: Golub, Pereyra 1973; Kaufman's approximation), so noise of a detector flattens no slope.
-The noise of each detector is the noise of its samples; the misses of jogs are estimated from the
-residuals, with a common factor for all else. (The noise of three detectors cannot be estimated
-together with the pointing of every row: the smallest would become none.)
+projection: Golub, Pereyra 1973; Kaufman's approximation), so noise of a detector does not reduce
+any slope. The noise of each detector is the noise of its samples; the misses of jogs are estimated
+from the residuals, with a common factor for all others. (The noise of three detectors cannot be
+estimated together with the pointing of every row: the smallest would become zero.)
 """
 
 from dataclasses import dataclass
@@ -49,19 +49,21 @@ dead path of the lever in mm.
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
 """First index of each detector's gains, and of the lever, among `FIELDS`."""
 MOST_ROLL_MRAD = 500.0
-"""Beyond this roll the detector's axes differ from the survey file, and no mounting has turned it
-so far.
+"""A larger roll means that the detector's axes are not those of the survey file; no mounting turns
+the detector so far.
 """
 MOST_U_GAIN = 0.02
 """Standard uncertainty of a gain beyond which the wobble or the jogs were too small: the limit
 leaves half of the refused 5 per cent.
 """
 ROUNDS, STEPS = 6, 8
-"""Of the sizes of the noise, and of Gauss and Newton within each: both settle to 1e-6 in half as
-many."""
+"""Number of iterations of the noise sizes, and of Gauss and Newton within each: both converge to
+1e-6 in half as many.
+"""
 LINEAR = 1e-3
-"""Detectors follow their curves within a thousandth of the wobble: a smaller noise must not make
-its rows count for more than that."""
+"""Detectors follow their curves within a thousandth of the wobble: a smaller noise must not
+increase the weight of its rows beyond that.
+"""
 JOG_UM = 1.0
 """Start of the search for the miss of a jog, in um of the spot."""
 
@@ -88,8 +90,9 @@ class Stands:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commissioned:
-    """Values and covariance of `FIELDS`, and what the residuals show: what a jog misses, in um of
-    the target (k = 1)."""
+    """Values and covariance of `FIELDS`, and the miss of a jog by the residuals, in um of the
+    target (k = 1).
+    """
 
     value: Vector
     covariance: Vector
@@ -104,8 +107,9 @@ class Commissioned:
 
 
 def commissioned(stands: Stands) -> Commissioned:
-    """Return the calibration that fits the run. Raises DataError where it does not decide a field,
-    by the field's name."""
+    """Return the calibration that fits the run. Raises DataError, with the field's name, where the
+    run does not determine a field.
+    """
     _require_places(stands)
     middle_mm = float(np.mean(np.unique(stands.distance_mm)))
     factor, jog_um = 1.0, JOG_UM
@@ -165,8 +169,9 @@ class _Step:
 def _gauss_newton(
     stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector
 ) -> tuple[_Step, Vector, Vector]:
-    """Return the next step, the weighed residuals without the pointing, and their leverage: what
-    they hide of the noise, both (N, 6)."""
+    """Return the next step, the weighted residuals without the pointing, and their leverage, the
+    part of the noise that they hide, both (N, 6).
+    """
     still = np.zeros_like(stands.moved_um)
     base = _model(stands, parameters, still, middle_mm)
     by_pointing = np.stack(
@@ -200,7 +205,7 @@ def _gauss_newton(
 
 
 def _without(frame: Vector, rows: Vector) -> Vector:
-    """Return rows (N, 6) without what the pointing may have made of them."""
+    """Return rows (N, 6) without the possible effect of the pointing."""
     left: Vector = rows - np.einsum("nij,nj->ni", frame, np.einsum("nij,ni->nj", frame, rows))
     return left
 
@@ -213,8 +218,9 @@ def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
 
 
 def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
-    """Return the standard deviation of every value, shape (N, 6): a jog misses by as much, however
-    long the machine stands there."""
+    """Return the standard deviation of every value, shape (N, 6): a jog has the same miss, however
+    long the machine stands there.
+    """
     still = ~stands.jogged
     wobble = np.std(_centred(stands, stands.seen, still)[still], axis=0)
     sigma: Vector = factor * np.hypot(
@@ -224,8 +230,9 @@ def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
 
 
 def _grown(rest: Vector, leverage: Vector, of: NDArray[np.bool_]) -> float:
-    """Return by how much the noise of some values is larger than it was taken for; a run without
-    any noise must not divide by zero."""
+    """Return the factor by which the noise of some values exceeds its assumed size; never zero,
+    even for a run without noise.
+    """
     return float(np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6)))
 
 
@@ -250,8 +257,9 @@ def _require_places(stands: Stands) -> None:
 
 
 def _start(stands: Stands) -> Vector:
-    """Return parameters near the right ones: jogs state the QD, the QD's spot states the pointing,
-    and that both PSDs."""
+    """Return approximate parameters: jogs give the QD, the QD's spot gives the pointing, and the
+    pointing gives both PSDs.
+    """
     ends = int(stands.end.max()) + 1
     about = stands.jogged[:, None] * _centred(stands, stands.moved_um, stands.jogged)
     qd = _of_matrix(
@@ -282,7 +290,7 @@ def _start(stands: Stands) -> Vector:
 
 
 def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
-    """Return values (N, 2) less their mean over the used rows of each end."""
+    """Return values (N, 2) minus their mean over the used rows of each end."""
     count = np.maximum(np.bincount(stands.end, weights=used), 1.0)
     means = [np.bincount(stands.end, weights=used * column) / count for column in values.T]
     centred: Vector = values - np.array(means).T[stands.end]
@@ -290,14 +298,15 @@ def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
 
 
 def _matrix(lateral: Vector, read: Vector) -> Vector:
-    """Return the matrix (2, 2) that makes what is read of the lateral motion, least squares."""
+    """Return the least-squares matrix (2, 2) from the lateral motion to the readings."""
     matrix: Vector = np.asarray(np.linalg.lstsq(lateral, read, rcond=None)[0].T, dtype=np.float64)
     return matrix
 
 
 def _of_matrix(matrix: Vector, name: str) -> Vector:
-    """Return the two gains and the roll of a matrix. Raises DataError where its axes are none of
-    the detector's."""
+    """Return the two gains and the roll of a matrix. Raises DataError where its axes are not those
+    of the detector.
+    """
     sizes = np.linalg.norm(matrix, axis=1)
     if not np.isfinite(sizes).all() or sizes.min() <= 0.0:
         raise DataError(
@@ -327,7 +336,7 @@ def _lateral(detector: Vector, read: Vector) -> Vector:
 
 
 def _require_decided(found: Commissioned, stands: Stands) -> None:
-    """Raise DataError for a gain that the run does not decide, and for an impossible lever."""
+    """Raise DataError for a gain that the run does not determine, and for an impossible lever."""
     nearest = float(found.value[LEVER] + stands.distance_mm.min())
     if not nearest > 0.0:
         expected, seen = (

@@ -77,7 +77,7 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
     """Arm from a head to the other, x, y, z in mm (3,), and its standard uncertainty, NaN if no
-    known rotation shows it.
+    known rotation determines it.
 
     ``residual_um`` is the residue of the differences of each straightness function.
     """
@@ -87,11 +87,11 @@ class Arm:
     residual_um: dict[str, Vector]
 
     def rms_um(self, name: str) -> float:
-        """Return the rms of what is left of a function."""
+        """Return the rms of the rest of a function."""
         return float(np.sqrt(np.mean(self.residual_um[name] ** 2)))
 
     def as_json(self) -> dict[str, object]:
-        """Return the arm for programs: null where it is not shown."""
+        """Return the arm for programs: null where it is undetermined."""
         mm, u_mm = (
             [value if np.isfinite(value) else None for value in each.tolist()]
             for each in (self.mm, self.u_mm)
@@ -107,7 +107,7 @@ def abbe_arm(
     position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]
 ) -> Arm | None:
     """Return the arm between two heads on an axis from the differences of their straightness
-    functions; None if the differences do not decide the arm.
+    functions; None if the differences do not determine the arm.
 
     A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``: both functions (EYX, EZX ..)
     are fitted together, each with a line of its own, to the known rotations at the same positions
@@ -167,9 +167,9 @@ def compare(
 ) -> Comparison:
     """Return measured minus reference, the reference read linearly between its own positions.
 
-    With ``line`` both are first freed of their own reference line, as straightness is; without it
-    (angles) of their value at the first common position. Only positions that the reference covers
-    count; refused (DataError) with fewer than two.
+    With ``line`` each of the two has its own reference line removed, as for straightness; without
+    it (angles), its value at the first common position is removed. Only positions within the
+    reference are used; fewer than two are refused (DataError).
     """
     position, ours = (
         np.asarray(position_mm, dtype=np.float64),

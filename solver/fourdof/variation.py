@@ -1,4 +1,4 @@
-"""Uncertainty of a head's calibration, carried into straightness and angle: the head with each
+"""Uncertainty of a head's calibration, propagated into straightness and angle: the head with each
 field changed a little.
 """
 

@@ -1,8 +1,8 @@
 """Sizes of the causes of a mixed fit: restricted maximum likelihood, a size per group, the usual
-size if the readings are silent.
+size if the readings contain no information.
 
 Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3). The prior of a
-size has the user's as its most likely order of magnitude and goes on to nothing: a cause may be
+size has the user's value as its most likely order of magnitude and extends to zero: a cause may be
 absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
@@ -15,26 +15,33 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit, MixedFit
 
 ROUNDS, ROUNDS_NEAR = 40, 4
-"""The second where the search begins near its end, and goes on with the next weights."""
+"""Numbers of iterations; the second number applies to a search that begins near its end and
+continues with the next weights.
+"""
 LARGEST_STEP = 1.5
 SETTLED = 1e-3
 FURTHEST = 7.0
-"""Sizes stay within e^7 of the usual: beyond, the logarithm has no information."""
+"""Sizes stay within a factor e^7 of the usual: beyond, the logarithm has no information."""
 HEAD, TAIL = 0.5, 4.0
-"""Powers of the size at the beginning and in the tail of the prior of its logarithm: one in four
-below a tenth of the usual size, half below 0.47 of it, one in twenty beyond three times.
+"""Powers of the size at the beginning and in the tail of the prior of its logarithm: a quarter of
+the prior lies below a tenth of the usual size, half below 0.47 of it, one twentieth above three
+times the usual size.
 """
 _LEAST_CURVED = 0.1
 _NOTHING, _EXPLAINED = 1e-12, 1e-6
-"""Residuals of nothing, and the share of a square sum that no explanation goes below: rounding."""
+"""Residuals that count as zero, and the smallest share of a square sum that an explanation can
+leave: below it only rounding is left.
+"""
 _MUCH_SMALLER = 0.5
-"""Of the degrees of freedom: square sums of good surveys lie above this share."""
+"""Share of the degrees of freedom below which a square sum is unusual: those of good surveys lie
+above it.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """Sizes of the groups: ``factor`` (groups,) of each over the usual size, and whether it was
-    ``sought``.
+    """Sizes of the groups: ``factor`` (groups,) is the ratio of each size to the usual size;
+    ``sought`` states whether it was estimated.
     """
 
     factor: Vector
@@ -52,7 +59,7 @@ def log_prior(log_factor: Vector) -> Vector:
 
 
 def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
-    """Return the first derivative of `log_prior` and how far it is curved down."""
+    """Return the first derivative of `log_prior` and its downward curvature."""
     square = HEAD / TAIL * np.exp(2.0 * log_factor)
     first = HEAD - (TAIL + HEAD) * square / (1.0 + square)
     return first, np.maximum(2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED)
@@ -61,9 +68,9 @@ def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
 def scored(
     mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], near: Vector | None = None
 ) -> Sizes:
-    """Return the sizes that the readings make most likely.
+    """Return the most likely sizes by the readings.
 
-    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought``
+    ``mixed`` contains the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought``
     (groups,) marks the groups of unknown size, ``near`` (groups,) the start of the search: the
     usual sizes without it.
     """
@@ -88,7 +95,7 @@ def scored(
 
 
 def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
-    """Return the fit with sizes larger by a factor each."""
+    """Return the fit in which each size is multiplied by a factor of its own."""
     return MixedFit(mixed.fixed, mixed.causes, mixed.size * factor)
 
 
@@ -104,12 +111,12 @@ def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
 
 
 def gained(fit: AnyFit, left: Vector | float) -> Vector:
-    """Return twice the logarithm of the likelihood gain for a fall of the weighted square sum of
-    the residuals to ``left``.
+    """Return twice the gain in log-likelihood for a fall of the weighted square sum of the
+    residuals to ``left``.
 
-    The noise of all weights may be smaller by a common factor without the fault that made them
-    large (profile likelihood). If the residuals are much smaller than their weights, no fault made
-    these large: they stand.
+    If the fault that enlarged the square sum is removed, the noise of all weights may be smaller by
+    a common factor (profile likelihood). If the residuals are much smaller than their weights
+    state, no fault enlarged the square sum: the weights are kept.
     """
     whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
     within = np.clip(left, _EXPLAINED * whole, whole)
@@ -122,7 +129,8 @@ def gained(fit: AnyFit, left: Vector | float) -> Vector:
 
 
 def likelier(found: MixedFit, than: MixedFit) -> float:
-    """Return twice the logarithm of the ratio of two restricted likelihoods, each with the sizes of
-    its causes as they are."""
+    """Return twice the logarithm of the ratio of two restricted likelihoods, each with the present
+    sizes of its causes.
+    """
     damped = [-2.0 * float(np.sum(np.log(np.diag(one.damped_root)))) for one in (found, than)]
     return float(gained(than, found.chi_square)) + damped[1] - damped[0]

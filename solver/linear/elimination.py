@@ -2,7 +2,7 @@
 
 A diagonal passes node i of an axis together with nodes i or n - i of the others. Nodes folded to
 min(i, n - i) are therefore coupled to their neighbours only: a block tridiagonal matrix. Unknowns
-coupled to everything (offsets, tilts, drifts, the end nodes) stand in a border. Elimination costs n
+coupled to all others (offsets, tilts, drifts, the end nodes) form a border. Elimination costs n
 small blocks instead of (18 n)^3.
 """
 
@@ -34,7 +34,7 @@ class Blocks:
 
     @property
     def count(self) -> int:
-        """Return how many blocks stand before the border."""
+        """Return the number of blocks before the border."""
         return len(self.edges) - 1
 
 
@@ -51,7 +51,8 @@ def order_blocks(group: NDArray[np.int64]) -> Blocks:
 @dataclass(frozen=True, slots=True, eq=False)
 class Elimination:
     """A symmetric positive definite matrix, eliminated: pivots inverted, multipliers, the border's
-    solution and its inverse."""
+    solution and its inverse.
+    """
 
     blocks: Blocks
     pivot_inverse: list[Vector]
@@ -88,8 +89,9 @@ class Elimination:
 
     def near(self) -> Iterator[tuple[int, Vector, Vector]]:
         """Yield from the last block back: its number, its part of the inverse of the blocks alone,
-        and the part between it and the block before, shapes (own, own) and (own, before)
-        (Takahashi's recursion)."""
+        and the part between it and the previous block, shapes (own, own) and (own, before)
+        (Takahashi's recursion).
+        """
         following = np.zeros((0, 0))
         for index in range(self.blocks.count - 1, -1, -1):
             here = self.pivot_inverse[index]
@@ -103,8 +105,8 @@ class Elimination:
             following = here
 
     def around(self) -> Iterator[tuple[int, Vector]]:
-        """Yield from the last block back: its number and the inverse for the block before it,
-        itself and the border; at last -1, border.
+        """Yield from the last block back: its number and the inverse for the previous block, the
+        block itself and the border; at last -1, border.
 
         Rows that touch no more need no more of the inverse.
         """
@@ -190,8 +192,9 @@ class Normal:
         )
 
     def held(self, places: NDArray[np.int64]) -> "Normal":
-        """Return the matrix with some unknowns held: their rows and columns are those of the unit
-        matrix."""
+        """Return the matrix with some unknowns held: their rows and columns become those of the
+        unit matrix.
+        """
         free = np.ones(len(self.blocks.place))
         free[places] = 0.0
         return self.scaled(free).raised(1.0 - free)

@@ -1,12 +1,12 @@
-"""Likelihood of each size of a group of causes, and the group's amounts at each: the posterior of a
-variance component.
+"""Likelihood of each size of a group of causes, and the group's amounts for each: the posterior of
+a variance component.
 
-With the other groups at their sizes found, a group's amounts fall apart into independent directions
-for any size:
+With the other groups at their estimated sizes, a group's amounts separate into independent
+directions for any size:
 
-    variance = f^2 / (1 + f^2 seen),    amount = variance * shown,    f = size / size found
+    variance = f^2 / (1 + f^2 seen), amount = variance * shown, f = size / estimated size
 
-so that all sizes cost a single eigenvalue decomposition (Harville 1974 for the likelihood, Searle,
+so that all sizes need a single eigenvalue decomposition (Harville 1974 for the likelihood, Searle,
 Casella, McCulloch 1992, 9.2).
 """
 
@@ -21,23 +21,25 @@ from stepdiag.solver.linear.components import FURTHEST, Sizes, log_prior
 from stepdiag.solver.linear.mixed import MixedFit
 
 POINTS = 15
-"""Number of equally likely sizes that stand for all."""
+"""Number of equally likely sizes that represent the distribution."""
 CLASS_SPREAD = 0.6
-"""Standard deviation of the logarithm of a machine's errors beside its class: between a third of
-the usual and three times it lie 95 %, the distance of good and old machines (docs/uncertainty.md).
+"""Standard deviation of the logarithm of a machine's errors relative to its class: 95 % lie between
+a third of the usual and three times it, the ratio of good and old machines (docs/uncertainty.md).
 """
 ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
-"""Of hidden waves: the share of machines without, what these have, and the range of the others:
-ball screws of 0.5 to 3 um."""
+"""Figures of hidden waves: the share of machines without waves, the size of the remaining waves in
+these machines, and the range of sizes in the others (ball screws of 0.5 to 3 um).
+"""
 _FINE = 281
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A group's independent directions: ``direction`` (q, k) moves all amounts, the others
-    adapting; ``seen`` and ``shown`` (k,).
+    """A group's independent directions: ``direction`` (q, k) is the change of all amounts for one
+    unit along each direction, including the reaction of the other groups; ``seen`` and ``shown``
+    (k,).
 
-    ``factor`` (points,): equally likely sizes, relative to the one found.
+    ``factor`` (points,): equally likely sizes, relative to the estimated size.
     """
 
     direction: Vector
@@ -52,29 +54,33 @@ class Family:
         return found
 
     def shift(self) -> Vector:
-        """Return by how much the amounts at the points differ from those at the size found, shape
-        (points, k)."""
+        """Return the difference of the amounts at the points from those at the estimated size,
+        shape (points, k).
+        """
         found: Vector = (self.variance(self.factor) - self.variance(np.ones(1))) * self.shown
         return found
 
     def surplus(self) -> Vector:
-        """Return the covariance of the amounts over all sizes less that at the size found, in all
-        amounts, shape (q, q)."""
+        """Return the covariance of the amounts over all sizes less that at the estimated size, in
+        all amounts, shape (q, q).
+        """
         beside = np.diag(np.mean(self.variance(self.factor), axis=0) - self.variance(np.ones(1))[0])
         moved = self.shift()
         matrix: Vector = self.direction @ (beside + moved.T @ moved / len(moved)) @ self.direction.T
         return matrix
 
     def alone(self) -> Vector:
-        """Return what the group adds to the covariance of the amounts at the size found, shape (q,
-        q)."""
+        """Return the group's contribution to the covariance of the amounts at the estimated size,
+        shape (q, q).
+        """
         matrix: Vector = (self.direction * self.variance(np.ones(1))[0]) @ self.direction.T
         return matrix
 
 
 def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Family:
-    """Return the family of the causes ``mine`` (q,) of a fit, of which the size found is
-    ``exp(log_found)`` times the usual one."""
+    """Return the family of the causes ``mine`` (q,) of a fit, whose estimated size is
+    ``exp(log_found)`` times the usual one.
+    """
     seen, shown, size = fit.causes.seen, fit.causes.shown, fit.size
     others = np.flatnonzero(~mine)
     own = np.flatnonzero(mine)
@@ -94,14 +100,15 @@ def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Famil
 
 
 def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
-    """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the one
-    found."""
+    """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the estimated
+    size.
+    """
     found: Vector = _sizes_at((np.arange(POINTS) + 0.5) / POINTS, seen, shown, log_found)
     return found
 
 
 def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float) -> Vector:
-    """Return the sizes not exceeded with probabilities, relative to the size found."""
+    """Return the quantiles of the size at given probabilities, relative to the estimated size."""
     log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
     square = np.exp(2.0 * log)[:, None]
     likely = 0.5 * np.sum(
@@ -113,7 +120,7 @@ def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float
 
 
 def size_by_all(families: Sequence[Family], probability: float) -> float:
-    """Return the size not exceeded with a probability, by families of a group in independent fits,
+    """Return the quantile of the size at a probability, by families of a group in independent fits,
     relative to their common usual size.
     """
     seen, shown = (
@@ -134,8 +141,8 @@ def hidden_factors() -> Vector:
     """Return equally likely sizes, relative to the usual size, of waves unseen at targets, shape
     (points,).
 
-    In one machine of four they are next to none (a glass scale in place of an assumed screw), in
-    the others within `WAVES_SPREAD`.
+    In one machine of four there are nearly no waves (a glass scale in place of an assumed screw),
+    in the others they are within `WAVES_SPREAD`.
     """
     share = (np.arange(POINTS) + 0.5) / POINTS
     low, high = WAVES_SPREAD
@@ -149,7 +156,7 @@ def class_factors() -> Vector:
     """Return equally likely sizes, relative to the usual size, of a machine's unmeasured errors: a
     common size for all, shape (points,).
 
-    They stand in an order of their own: their pairing with `likely_factors` has no meaning.
+    Their order is their own: the order of `likely_factors` has no relation to it.
     """
     found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[
         np.arange(POINTS) * (POINTS // 2) % POINTS
@@ -168,7 +175,7 @@ def normal_points(count: int) -> Vector:
 
 
 def families(fit: MixedFit, group: NDArray[np.int64], sizes: Sizes) -> dict[int, Family]:
-    """Return the family of every group whose size was sought, by its number."""
+    """Return the family of every group whose size was estimated, by its number."""
     return {
         int(place): family_of(fit, group == place, float(np.log(sizes.factor[place])))
         for place in np.flatnonzero(sizes.sought)

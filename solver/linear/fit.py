@@ -34,18 +34,18 @@ class Fit:
         return np.clip(1.0 - self.weight * self.inverse.squares(), 0.0, 1.0)
 
     def redundancy_of(self, rows: NDArray[np.int64]) -> Vector:
-        """Return that of some rows, shape (rows,)."""
+        """Return the same share for some rows, shape (rows,)."""
         some: Vector = self.redundancy[rows]
         return some
 
     @property
     def target(self) -> Vector:
-        """Return what was fitted, shape (m,)."""
+        """Return the fitted values, shape (m,)."""
         return self.residual + self.rows.times(self.unknowns)
 
     @property
     def packed(self) -> Packed:
-        """Return the rows in pieces: for products with many columns."""
+        """Return the rows in pieces, for products with many columns."""
         return self.inverse.packed
 
     @property
@@ -62,10 +62,10 @@ class Fit:
 def fit(
     rows: Rows, blocks: Blocks, target: Vector, weight: Vector, like: Inverse | None = None
 ) -> Fit:
-    """Fit the unknowns; one step of iterative refinement restores what squaring the rows costs in
-    precision.
+    """Fit the unknowns; one step of iterative refinement restores the precision lost by squaring
+    the rows.
 
-    ``like`` as in `solver.linear.least_squares.invert`.
+    ``like`` is used as in `solver.linear.least_squares.invert`.
     """
     inverse = invert(rows, weight, blocks, like)
     return refit(rows, target, weight, inverse)

@@ -12,8 +12,7 @@ from stepdiag.solver.linear.packed import Packed, pack
 from stepdiag.solver.linear.rows import Rows
 
 NULL_TOLERANCE = 1e-7
-"""A direction whose rows, in columns scaled to unit length, are shorter than this is not seen by
-the data."""
+"""Length, in columns scaled to unit length, below which the data do not determine a direction."""
 _SHIFT = 1e-8
 _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
@@ -26,8 +25,9 @@ _PIECE = 512
 class Inverse:
     """A generalised inverse C of the normal matrix, for unknowns in their own order.
 
-    ``null`` (count, k) spans what the rows do not see. k unknowns (``fixed``) are held at zero
-    instead: a combination that the rows do see has the same value and variance whichever are held.
+    ``null`` (count, k) spans the directions that the rows do not determine. Instead, k unknowns
+    (``fixed``) are held at zero: a combination that the rows determine has the same value and
+    variance whichever are held.
     """
 
     packed: Packed
@@ -38,7 +38,7 @@ class Inverse:
 
     @property
     def rank(self) -> int:
-        """Return how many combinations of the unknowns the rows determine."""
+        """Return the number of combinations of the unknowns that the rows determine."""
         return len(self.scale) - len(self.fixed)
 
     def solve(self, right: Vector) -> Vector:
@@ -105,8 +105,8 @@ class Inverse:
 def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = None) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``like`` is one of the same rows under other (positive) weights: the null space does not depend
-    on them.
+    ``like`` is an inverse of the same rows under other (positive) weights: the null space does not
+    depend on the weights.
     """
     system = _scaled(pack(rows, blocks) if like is None else like.packed, weight)
     if like is None:
@@ -139,8 +139,9 @@ class _System:
     scale: Vector
 
     def image(self, block: Vector) -> Vector:
-        """Return the weighted rows times ``block`` (count, k), which stands in the order of the
-        blocks, shape (m, k)."""
+        """Return the weighted rows times ``block`` (count, k), which is in the order of the blocks,
+        shape (m, k).
+        """
         in_own_order = (block * self.scale[:, None])[self.packed.blocks.place]
         weighted: Vector = np.sqrt(self.weight)[:, None] * self.packed.times(in_own_order)
         return weighted
@@ -160,8 +161,9 @@ class _System:
         return self.scale[:, None] * ordered
 
     def unseen(self, block: Vector, tolerance: float) -> Vector:
-        """Return an orthonormal basis of what the rows do not see of the span of orthonormal
-        ``block`` (count, k), k > 0."""
+        """Return an orthonormal basis of the undetermined part of the span of orthonormal ``block``
+        (count, k), k > 0.
+        """
         image = self.image(block)
         if np.linalg.norm(image) < tolerance:
             return block
@@ -183,8 +185,8 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     and the elimination.
 
     Inverse iteration proposes candidates. Holding one unknown for each makes the matrix regular and
-    gives the candidates to full precision; the rows themselves then show which are null; their
-    squares would lose half of the digits.
+    gives the candidates to full precision; then the rows themselves show the null directions,
+    because their squares would lose half of the digits.
     """
     count = len(system.scale)
     # what no row touches needs no search: rows of few functions leave most unknowns so
@@ -210,7 +212,7 @@ def _refined(
     system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination
 ) -> Vector:
     """Return nearly null directions (count, k) with the digits restored that the normal matrix
-    cost; ``held`` stay unchanged.
+    lost; ``held`` stay unchanged.
     """
     refined = basis
     for _ in range(REFINEMENTS):
@@ -221,8 +223,9 @@ def _refined(
 
 
 def _candidates(system: _System, idle: NDArray[np.int64]) -> Vector:
-    """Return an orthonormal basis of directions beside the ``idle`` unknowns that the rows hardly
-    see, by inverse iteration on a growing block."""
+    """Return an orthonormal basis of the directions, other than the ``idle`` unknowns, that the
+    rows hardly determine, by inverse iteration on a growing block.
+    """
     count, most = len(system.scale), len(system.scale) - len(idle)
     nearly = eliminate(system.normal.held(idle).raised(np.full(count, _SHIFT)))
     size = min(_FIRST_BLOCK, most)
@@ -240,7 +243,7 @@ def _candidates(system: _System, idle: NDArray[np.int64]) -> Vector:
 
 
 def _pivots(basis: Vector) -> NDArray[np.int64]:
-    """Return as many unknowns as the orthonormal basis (count, k) has columns, such that none but
+    """Return as many unknowns as the orthonormal basis (count, k) has columns, chosen so that only
     the zero vector of its span vanishes there.
 
     Cholesky's root of the projector basis @ basis.T, with the largest diagonal first.

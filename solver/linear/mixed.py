@@ -4,8 +4,8 @@ Casella, McCulloch 1992, 7.4-7.6).
     target = rows @ unknowns + pattern @ amount + noise,    amount ~ normal(0, size^2),    noise ~
     normal(0, 1 / weight)
 
-The rows stay as sparse as they are; everything about the amounts lives in matrices of (causes,
-causes): sizes are tried in milliseconds.
+The rows stay as sparse as before; all quantities of the amounts are matrices of (causes, causes),
+so that sizes are tried in milliseconds.
 """
 
 from dataclasses import dataclass, replace
@@ -20,19 +20,19 @@ from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 
 _SMALL = 48
-"""So many rows of a triangle are inverted at once."""
+"""Number of rows of a triangle inverted at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Causes:
-    """The residue of every cause beside the fixed unknowns: ``pattern`` (m, q) is the effect of a
-    unit on the targets.
+    """The residue of every cause after the fit of the fixed unknowns: ``pattern`` (m, q) is the
+    effect of a unit on the targets.
 
     ``taken`` (count, q): its image in the unknowns by the fit without causes; ``left`` (m, q):
     weighted residual of the pattern; ``scaled`` (m, q): its residual times the root of the weight;
     ``seen`` (q, q) = scaled.T @ scaled; ``shown`` (q,) = scaled.T @ scaled residual of the targets.
-    As products of residuals: the unknowns' share of a pattern leaves no rounding of its own size in
-    them.
+    They are products of residuals, so that the unknowns' share of a pattern leaves no rounding
+    error of its own size.
     """
 
     pattern: Vector
@@ -44,7 +44,7 @@ class Causes:
 
     @classmethod
     def of(cls, fit: Fit, pattern: Vector) -> "Causes":
-        """Return what a fit leaves of the patterns."""
+        """Return the residue of the patterns after a fit."""
         taken = fit.inverse.solve(fit.packed.transposed_times(pattern, fit.weight))
         scaled = fit.packed.times(taken)
         np.subtract(pattern, scaled, out=scaled)
@@ -82,7 +82,7 @@ class MixedFit:
 
     @property
     def inverse(self) -> Inverse:
-        """Return the generalised inverse for the fixed unknowns, were the causes known."""
+        """Return the generalised inverse for the fixed unknowns with known causes."""
         return self.fixed.inverse
 
     @cached_property
@@ -115,7 +115,7 @@ class MixedFit:
 
     @cached_property
     def amount(self) -> Vector:
-        """Return what the readings make most likely of every cause, shape (q,)."""
+        """Return the most likely amount of every cause, given the readings, shape (q,)."""
         found: Vector = self.root.T @ (self.root @ self.causes.shown)
         return found
 
@@ -127,7 +127,7 @@ class MixedFit:
 
     @cached_property
     def residual(self) -> Vector:
-        """Return target - rows @ unknowns - pattern @ amount: what is left as noise, shape (m,)."""
+        """Return target - rows @ unknowns - pattern @ amount, the noise, shape (m,)."""
         used = self.weight > 0
         left: Vector = self.fixed.residual - np.where(
             used,
@@ -138,8 +138,9 @@ class MixedFit:
 
     @cached_property
     def taken_over(self) -> Vector:
-        """Return what independent combinations of the causes take over of each row's residual,
-        weighted, shape (m, q)."""
+        """Return the part of each row's weighted residual explained by independent combinations of
+        the causes, shape (m, q).
+        """
         found: Vector = self.causes.left @ self.root.T
         return found
 
@@ -151,7 +152,7 @@ class MixedFit:
         return self._redundancy(np.arange(len(self.weight)), self.taken_over)
 
     def redundancy_of(self, rows: NDArray[np.int64]) -> Vector:
-        """Return that of some rows, shape (rows,), without working out all."""
+        """Return the same share for some rows, shape (rows,), without computing all."""
         return self._redundancy(rows, self.causes.left[rows] @ self.root.T)
 
     def _redundancy(self, rows: NDArray[np.int64], taken_over: Vector) -> Vector:
@@ -163,7 +164,7 @@ class MixedFit:
         return clipped
 
     def for_target(self, target: Vector) -> "MixedFit":
-        """Return the fit of another target (m,), all weights and sizes as they are."""
+        """Return the fit of another target (m,), with the same weights and sizes."""
         fixed = refit(self.rows, target, self.weight, self.inverse)
         shown = self.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual)
         return MixedFit(fixed, replace(self.causes, shown=shown), self.size)
@@ -186,8 +187,9 @@ class MixedFit:
 
 
 def _inverse_of_lower(lower: Vector) -> Vector:
-    """Return the inverse of a lower triangular matrix, half by half: nearly all of it are products
-    of matrices."""
+    """Return the inverse of a lower triangular matrix, half by half: nearly all of the work is
+    products of matrices.
+    """
     size = len(lower)
     if size <= _SMALL:
         small: Vector = np.linalg.inv(lower).astype(np.float64, copy=False)

@@ -1,8 +1,8 @@
 """Rows sorted by their blocks: each lot is a small dense matrix, and all operations are small
 products.
 
-A row of a survey touches a block of unknowns, its predecessor and the border. Thousands of stops
-become n dense pieces of some dozen columns, on which the processor is ten times as fast as on
+A row of a survey involves a block of unknowns, the previous block and the border. Thousands of
+stops become n dense pieces of some dozen columns, on which the processor is ten times as fast as on
 single entries.
 """
 
@@ -18,8 +18,8 @@ from stepdiag.solver.linear.rows import Rows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Rows ``row`` (r,) that touch block ``block`` (-1: the border only), its predecessor and the
-    border: ``value`` (r, c) in the unknowns ``column`` (c,).
+    """Rows ``row`` (r,) that involve block ``block`` (-1: the border only), the previous block and
+    the border: ``value`` (r, c) in the unknowns ``column`` (c,).
     """
 
     block: int
@@ -44,8 +44,9 @@ class Packed:
         return total
 
     def transposed_times(self, readings: Vector, weight: Vector | None = None) -> Vector:
-        """Return A.T @ readings, shape (count, k) for (m, k); the readings counting with their
-        ``weight`` (m,) where it is given."""
+        """Return A.T @ readings, shape (count, k) for (m, k); ``weight`` (m,) is the weight of the
+        readings, if given.
+        """
         total = np.zeros((self.rows.count, readings.shape[1]))
         for piece in self.pieces:
             value = piece.value if weight is None else piece.value * weight[piece.row, None]
@@ -90,8 +91,9 @@ class Packed:
 
 
 def pack(rows: Rows, blocks: Blocks) -> Packed:
-    """Return rows in pieces. Raises ``ValueError`` for a row that touches blocks which are no
-    neighbours."""
+    """Return rows in pieces. Raises ``ValueError`` for a row that involves blocks which are not
+    neighbours.
+    """
     order = np.argsort(blocks.place)
     edges, border = blocks.edges, order[blocks.border]
     group = np.full(rows.count, -1)
@@ -108,8 +110,9 @@ def pack(rows: Rows, blocks: Blocks) -> Packed:
 
 
 def _dense(rows: Rows, row: NDArray[np.int64], column: NDArray[np.int64]) -> Vector:
-    """Return some rows in some columns, which must be all that they touch, shape (rows,
-    columns)."""
+    """Return some rows in some columns, which must include all their non-zero columns, shape (rows,
+    columns).
+    """
     local = np.full(rows.count, -1)
     local[column] = np.arange(len(column))
     used = rows.value[row] != 0

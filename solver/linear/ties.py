@@ -1,4 +1,6 @@
-"""Choices between values that are equal but for rounding: another processor rounds differently."""
+"""Choices between values that are equal except for rounding: another processor rounds
+differently.
+"""
 
 from collections.abc import Sequence
 
@@ -11,7 +13,7 @@ ALIKE = 1e-6
 
 
 def first_of_the_largest(values: Sequence[float] | Vector) -> int:
-    """Return the place of the largest of values that are not negative: of values with differences
-    below any figure, the first.
+    """Return the index of the largest of non-negative values; of values whose difference is only
+    rounding, the first.
     """
     return int(np.argmax(np.asarray(values) >= (1.0 - ALIKE) * np.max(values)))

@@ -16,14 +16,15 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
-"""Worn machines with 90 urad turn 6 times the usual of an ordinary machine, and surveys of them
-show 7 times at most. A certainly larger value is no machine: in a small survey a wrong reading
-passes for large angles.
+"""Ratio to the usual size of an ordinary machine: worn machines with 90 urad have 6 times the
+usual, and surveys of them show 7 times at most. A value that is certainly larger is not caused by
+the machine: in a small survey a wrong reading looks like large angles.
 """
 FEW_FREEDOM = 20
-"""Three increments, driven once, have 13 degrees of freedom, two have 7: there a slip of 20 um in a
-run of three stops looks like angles of 130 urad, which made a machine worse that was compensated by
-it (5.7 to 9.8 um)."""
+"""Surveys with three increments, driven once, have 13 degrees of freedom, with two increments 7.
+There a slip of 20 um in a run of three stops looks like angles of 130 urad, and a machine
+compensated with them became worse (5.7 to 9.8 um).
+"""
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
@@ -72,7 +73,7 @@ def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, fl
 def angle_findings(
     found: Adjustment, spread: Spread, resolved: Sequence[str], volume_um: dict[str, Any]
 ) -> list[Finding]:
-    """Return what is to be known about the angular functions that were not measured."""
+    """Return the findings about the angular functions that were not measured."""
     size = angle_size_urad(found, spread)
     if size is None:
         return []
@@ -95,8 +96,9 @@ def angle_findings(
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
-    """Return the refusal of a survey whose readings agree only where the machine turns further than
-    machines of its class do."""
+    """Return the refusal of a survey whose readings agree only if the machine has larger angles
+    than machines of its class.
+    """
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:
         return []

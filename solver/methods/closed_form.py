@@ -30,21 +30,22 @@ from stepdiag.solver.model.vector import (
 )
 
 THETA_OF = {"C0Y": ("xy", -1.0), "B0Z": ("zx", 1.0), "A0Z": ("yz", -1.0)}
-"""Wang's theta (sign of Eq. 12) behind each ISO 230-1 squareness, and its sign."""
+"""Wang's theta (sign of Eq. 12) for each ISO 230-1 squareness, and its sign."""
 
 
 def solve_wang2000(layout: Layout, chain: str) -> Result:
     """Return the result of Eqs 7, 8 and 13 as printed.
 
     Contract 4 holds: straightness is given without its end-point line, although the equations keep
-    it. Raises ``DataError`` unless all four diagonals are there.
+    it. Raises ``DataError`` unless all four diagonals are present.
     """
     return _result(layout, chain, "wang2000", wang2000, terms=2)
 
 
 def solve_least_squares(layout: Layout, chain: str) -> Result:
     """Return the result of the four equations: shapes, squareness, scale sum. Raises ``DataError``
-    unless all four are there."""
+    unless all four diagonals are present.
+    """
     return _result(layout, chain, "least-squares", least_squares, terms=4)
 
 

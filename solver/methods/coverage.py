@@ -1,5 +1,5 @@
-"""Cases in which k = 2 is not 95 %: the noise was found from few degrees of freedom (GUM G.4, Welch
-and Satterthwaite).
+"""Cases in which k = 2 is not 95 %: the noise was estimated from few degrees of freedom (GUM G.4,
+Welch and Satterthwaite).
 """
 
 from collections.abc import Mapping
@@ -18,8 +18,9 @@ _MOST = 1e6
 
 
 def t_factor(freedom: float) -> float:
-    """Return the factor that holds 95.45 % of Student's t, 2 for many degrees of freedom (GUM table
-    G.2; good to 2 % from three on)."""
+    """Return the factor that covers 95.45 % of Student's t, 2 for many degrees of freedom (GUM
+    table G.2; good to 2 % from three on).
+    """
     z, v = 2.0, max(freedom, 1.0)
     first = (z**3 + z) / 4.0
     second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
@@ -34,8 +35,9 @@ def coverage(
     u: Vector,
     u_readings: Vector,
 ) -> dict[str, CoverageFactor]:
-    """Return effective degrees of freedom and k for 95 % by name, for those of which k is not about
-    2: readings that state their own uncertainty are known well enough."""
+    """Return effective degrees of freedom and k for 95 % by name, where k differs from about 2;
+    readings that state their own uncertainty need no other factor.
+    """
     if np.all(np.isfinite(found.layout.u_um)):
         return {}
     report = {}

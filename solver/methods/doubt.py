@@ -23,13 +23,15 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
 
 ALONE = 100.0
-"""At this multiple of its remaining size an explanation explains all it can."""
+"""At this multiple of its remaining size, an explanation can take its full effect on the
+readings.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
     """A possible error: its probability, its words, its passes, and its causes: the effect and the
-    places in it.
+    indices within it.
     """
 
     share: float
@@ -40,12 +42,12 @@ class Candidate:
 
 
 def doubt_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on a survey of which something is wrong and nothing has a name: what it
-    may be, the most probable first, what each makes of the volume, and what separates them.
+    """Return the finding on a survey with an error that cannot be named: the possible errors, the
+    most probable first, the effect of each on the volume, and the setup that separates them.
 
-    Growth is usual: where it may be the cause, the finding needs a candidate with which the
-    compensation leaves more than it takes away. Nothing where the lengths contradict each other by
-    more than chance: all candidates are named there (`scale_findings`).
+    Growth is usual: if it may be the cause, the finding appears only if the compensation would
+    leave more error than it removes for one of the candidates. None where the lengths contradict
+    each other by more than chance: `scale_findings` then names all candidates.
     """
     setups = found.explained.unnamed
     if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):
@@ -73,7 +75,7 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
 
 
 def candidates(found: Adjustment) -> list[Candidate]:
-    """Return all that is left open beside a survey, and growth beyond the usual."""
+    """Return all explanations left open outside the model, and growth beyond the usual."""
     explained, layout = found.explained, found.layout
     every = [
         Candidate(
@@ -129,8 +131,9 @@ class Volumes:
         return self._over_volume(_alone(self.found, one)) - self.reported_um
 
     def harmed_by(self, one: Candidate) -> bool:
-        """Return whether the machine is worse with the reported error taken off than as it stands,
-        if a single explanation is true."""
+        """Return whether subtracting the reported error makes the machine worse, if a single
+        explanation is true.
+        """
         left = self.apart_um(one)
         return rms_um(left) > rms_um(left + self.reported_um)
 
@@ -147,8 +150,8 @@ def rms_um(field_um: Vector) -> float:
 
 
 def _alone(found: Adjustment, one: Candidate) -> MixedFit:
-    """Return the fit for a true explanation: it may have any size, all others none; growth is
-    usual, or as large as found.
+    """Return the fit if an explanation is true: this explanation may have any size, the others
+    none; growth is usual, or has its estimated size.
     """
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
@@ -164,7 +167,8 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
 
 def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
     """Return the best setup to drive again with laser and target set up anew, and its minutes: the
-    setup that changes the odds most in a minute (by the variance of whether the cause lies in it).
+    setup that changes the odds most per minute (by the variance of whether the setup contains the
+    cause).
     """
     found = []
     for setup in layout.setups:
@@ -180,7 +184,7 @@ def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
 
 
 def minutes_of(layout: Layout, setup: Setup) -> float:
-    """Return how long driving a setup takes with usual times, as often as it was driven."""
+    """Return the duration of driving a setup as often as before, with usual times."""
     mine = [key for key in layout.passes if key.setup == setup.name]
     both = len({key.outward for key in mine}) > 1
     run = Run(setup=setup.name, repeats=max(len(mine) // (2 if both else 1), 1), return_pass=both)

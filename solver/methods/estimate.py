@@ -73,10 +73,10 @@ from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate:
-    """An adjustment and the values, standard uncertainties and identifiability of all that is
-    reported.
+    """An adjustment, and the values, standard uncertainties and identifiability of all reported
+    quantities.
 
-    ``u`` is combined, ``u_readings`` what the readings' noise alone makes of it.
+    ``u`` is combined, ``u_readings`` is the part from the readings' noise alone.
     """
 
     adjustment: Adjustment
@@ -89,8 +89,8 @@ class Estimate:
 
     @property
     def gain(self) -> Vector:
-        """Return the linear operator (q, m): quantities = gain @ deviation_um. 200,000 Monte Carlo
-        trials are a single product with it.
+        """Return the linear operator (q, m), quantities = gain @ deviation_um: with it, 200,000
+        Monte Carlo trials are a single product.
         """
         fit = self.adjustment.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
@@ -142,8 +142,9 @@ def estimate(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Estimate:
-    """Adjust a survey and evaluate everything that can be reported. Raises as
-    `solver.adjustment.adjustment.adjust`."""
+    """Adjust a survey and evaluate everything that can be reported. Raises the errors of
+    `solver.adjustment.adjustment.adjust`.
+    """
     adjustment = adjust(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
     found = reported(adjustment.design)
     inverse = adjustment.fit.inverse
@@ -182,11 +183,10 @@ def solve_estimate(
     assumed: Assumptions | None = None,
     trials: int = 0,
 ) -> Result:
-    """Return the result of the estimator; what the readings do not identify is None and named in a
-    finding with its remedy.
+    """Return the result of the estimator; a quantity that the readings do not identify is None and
+    named in a finding with its remedy.
 
-    With ``trials`` the result holds the scatter of so many drawn surveys beside its ``u`` (JCGM
-    101).
+    With ``trials`` the result also holds the scatter of this number of drawn surveys (JCGM 101).
     """
     straightness = at_targets(straightness, layout)
     done, of_head = agreeing(
@@ -270,8 +270,9 @@ def _over_the_volume(
 
 
 def _barely_seen(done: Estimate) -> Spread:
-    """Return the covariances with what is usual for what the readings determine less well than
-    that."""
+    """Return the covariances, in which quantities have their usual sizes where the readings
+    determine them less well.
+    """
     determined = identified(done.quantities, done.adjustment.fit.inverse, {})
     kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}
     return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
@@ -308,15 +309,16 @@ def _errors(done: Estimate) -> dict[str, Function]:
 
 
 def _positioning(done: Estimate, name: str) -> Function:
-    """Return a positioning function at the nodes and wherever else it was measured."""
+    """Return a positioning function at the nodes and at every other measured position."""
     function = _function(done, name, sloped(name))
     stands_as = sloped(name) if function.slope_identified else name
     return finer(done.adjustment, done.spread, done.quantities, stands_as, function, name)
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
-    """Return a function with its slope where that is identified, else its shape, else without
-    values."""
+    """Return a function with its slope if this is identified, else its shape, else without
+    values.
+    """
     volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
@@ -348,8 +350,8 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 def _reversal(done: Estimate) -> dict[str, Function]:
     """Return the reversal of every function that the readings determine: with its value at the low
-    end where the data have it, else from zero there (u is zero too). That reversal hardly changes
-    along an axis is assumed, and makes no function determined.
+    end if the data contain it, otherwise from zero there (u is zero too). The assumption that
+    reversal hardly changes along an axis makes no function determined.
     """
     if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
@@ -365,7 +367,8 @@ def _reversal(done: Estimate) -> dict[str, Function]:
 
 def backlash_numbers(done: Estimate) -> Backlashes | None:
     """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u:
-    the number for a control's parameter."""
+    the value for a control's parameter.
+    """
     columns = done.adjustment.design.columns
     found: dict[str, Backlash] = {}
     for axis, letter in enumerate(AXIS_LETTERS):
@@ -384,8 +387,9 @@ def backlash_numbers(done: Estimate) -> Backlashes | None:
 
 
 def _with_fit(result: Result, done: Estimate) -> Result:
-    """Return the result with what shows how the readings fit: fit, scale sum, backlash, unseen
-    slips and closure residual."""
+    """Return the result with the figures of the fit: fit, scale sum, backlash, unnoticed slips and
+    closure residual.
+    """
     found = done.adjustment
     solid = found.layout.volume.solid
     number = done.number(SCALE_SUM) if solid else None
@@ -438,8 +442,9 @@ def _missing(done: Estimate) -> list[Finding]:
 
 
 def _standing(done: Estimate) -> Finding:
-    """Return the finding of a survey in which an axis did not travel: it measures axes, not a
-    volume."""
+    """Return the finding of a survey in which an axis did not travel: it measures axes, but no
+    volume.
+    """
     moved = done.adjustment.layout.volume.travelled
     standing = [letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels]
     missing: list[str | Message] = [

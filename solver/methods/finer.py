@@ -14,8 +14,8 @@ from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05
-"""Positions within this share of a cell have the value of its node: two values so close, of a
-program with a single decimal, would give a slope of noise alone.
+"""Positions within this share of a cell get the value of its node: two such close values, from a
+program with a single decimal, would give a slope of noise only.
 """
 
 
@@ -30,7 +30,7 @@ def finer(
     """Return a function of the result with its values off the nodes, unchanged where there are
     none.
 
-    ``stands_as`` is the name of its values at the nodes among the quantities.
+    ``stands_as`` is the name of its node values among the quantities.
     """
     if (
         name not in found.between.names

@@ -1,9 +1,9 @@
 """The 4-DOF head's straightness in a result: its figures by the three reference lines, and whether
 the diagonals agree.
 
-In a contradiction neither is known to be right, and their mean would be wrong with certainty. The
-result then holds the values of the diagonals, with an uncertainty that reaches to the head's
-values, and nothing is exported before the cause is found.
+In a contradiction neither is known to be right, and their mean would certainly be wrong. The result
+then has the values of the diagonals, with an uncertainty that includes the head's values, and no
+export is made before the cause is known.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,14 +33,15 @@ NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 reported: two.
 """
 LIKELY = 0.8
-"""With this probability the waves between the nodes are no larger than assumed, by the differences
-among a head's values. So 6 of 180 exact surveys were contradictions (12 with 0.5), none for waves
-no smaller than `BENT`; of 0.95 wrong signs begin to hide.
+"""Probability, by the differences among a head's values, that the waves between the nodes are no
+larger than assumed. With this value, 6 of 180 exact surveys were contradictions (12 with 0.5), none
+for waves no smaller than `BENT`; from 0.95 on, wrong signs begin to be hidden.
 """
 BENT = 2.0 / 8.0
-"""In the middle between two nodes a function leaves the straight line by so much of its second
-differences at the nodes: by an eighth where it is smooth, by twice that where its waves are two
-increments long."""
+"""In the middle between two nodes a function leaves the straight line by this share of its second
+differences at the nodes: by an eighth if it is smooth, by twice that if its waves are two
+increments long.
+"""
 
 
 class Adjusted(Protocol):
@@ -62,7 +63,7 @@ def agreeing(
     """Return the estimate from the head's functions that the readings do not contradict, and the
     report on all of them.
 
-    The worst is left out first: a wrong function makes others look wrong.
+    The worst function is left out first, because a wrong function makes others look wrong.
     """
     kept, apart = list(measured), dict[str, HeadStraightness]()
     alone = estimated(())
@@ -82,10 +83,10 @@ def agreeing(
 
 def sizes_of(alone: Adjusted) -> dict[str, float]:
     """Return the sizes of angular functions and of the waves between the nodes relative to the
-    usual, by the name of the effect, by the readings alone; one at least.
+    usual, by the name of the effect, from the readings alone; at least one.
 
-    The head's values are held against the diagonals with these: eight micrometres by which it is
-    wrong would else be taken for 80 urad, or for what a function does between the nodes.
+    The head's values are compared with the diagonals using these sizes: an error of eight
+    micrometres would otherwise look like 80 urad, or like a movement between the nodes.
     """
     effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
     turning = {
@@ -110,8 +111,8 @@ def beside_head(
     measured: Sequence[MeasuredStraightness],
     found: Adjustment,
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
-    """Return functions and report; in a contradiction of head and diagonals the report has the
-    difference, and U reaches over it.
+    """Return functions and report; if head and diagonals contradict each other, the report has the
+    difference, and U includes it.
     """
     wider, compared = dict(errors), dict(report)
     for name in _contradicting(report):
@@ -155,9 +156,9 @@ def head_report(
 
     ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is
     `_misclosure` over its chance limit (99.9 % point): above 1 the head and the diagonals
-    contradict each other. Causes are usual there, angular functions as large as by `sizes_of`, the
-    waves between the nodes at least usual. ``sign_hidden``: a wrong sign would not be seen
-    (`_sign_hidden`).
+    contradict each other. There, causes have their usual size, angular functions the size by
+    `sizes_of`, and waves between the nodes at least the usual size. ``sign_hidden``: a wrong sign
+    would not be noticed (`_sign_hidden`).
     """
     rows = _rows(found, measured)
     checked = _checked(found, sizes, rows)
@@ -172,8 +173,8 @@ def head_report(
 @dataclass(frozen=True, eq=False)
 class _Checked:
     """A fit that compares the head's values with all others, the fit of each function's values
-    ``alone``, and the factor by which each cause (q,) is smaller ``as_usual``: waves between the
-    nodes, at the head's values there.
+    ``alone``, and the factor by which each cause (q,) is reduced to its usual size (``as_usual``).
+    Waves between the nodes are those at the head's positions.
     """
 
     fit: MixedFit
@@ -186,9 +187,9 @@ def _checked(
 ) -> _Checked:
     """Return the usual fit, with angular functions of the given sizes.
 
-    The waves between the nodes have the size shown among the rows of each of the head's functions:
-    the size by all rows would be large enough for a wrong sign if head and diagonals have few
-    positions in common.
+    The waves between the nodes have the size shown by the rows of each of the head's functions: the
+    size from all rows would be large enough to hide a wrong sign if head and diagonals have few
+    common positions.
     """
     between = np.repeat(
         [effect.name == BETWEEN for effect in found.effects],
@@ -211,7 +212,7 @@ def _checked(
 
 
 def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
-    """Return the fit as usual, but for effects of the sizes given."""
+    """Return the fit with usual sizes, except for the given sizes of some effects."""
     factor = [
         sizes.get(effect.name, size) / size
         for effect, size in zip(found.effects, found.sizes.factor, strict=True)
@@ -222,10 +223,11 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    """Return chi-square of the difference between rows (``alone``) and all ``others``, or of the
-    rows among themselves if worse, over its chance limit; None with too few checked rows.
+    """Return chi-square of the difference between the rows (``alone``) and all ``others``, or of
+    the rows among themselves if larger, over its chance limit; None with too few checked rows.
 
-    In a common sum, passes that agree with each other would hide their difference from the others.
+    A common sum over all passes would hide a difference between passes that agree with each other
+    and the other passes.
     """
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(
@@ -254,8 +256,9 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
 def _sign_hidden(
     checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit
 ) -> bool:
-    """Return whether both signs of the head's values agree with the other readings, and only
-    because errors between the nodes may make up the difference."""
+    """Return whether both signs of the head's values agree with the other readings, only because
+    errors between the nodes may explain the difference.
+    """
     if np.all(checked.as_usual == 1.0):
         return False
     signs = checked.fit, _turned_over(checked.fit, rows)
@@ -268,15 +271,16 @@ def _sign_hidden(
 
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
-    """Return a fit with the values of some rows of the other sign."""
+    """Return a fit with the values of some rows in the opposite sign."""
     return whole.for_target(np.where(rows, -1.0, 1.0) * whole.fixed.target)
 
 
 def _rows(
     found: Adjustment, measured: Sequence[MeasuredStraightness]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return for each function which rows of the fit are its: the head's passes follow the
-    readings."""
+    """Return for each function the rows of the fit that belong to it: the head's passes follow the
+    readings.
+    """
     name = np.array([one.name for one in measured for _ in one.position_mm])
     before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
     return {one.name: np.pad(name == one.name, (before, after)) for one in measured}
@@ -312,8 +316,8 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
 
 
 def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
-    """Return the findings on functions that head and diagonals see differently, and on functions
-    whose wrong sign would not be seen.
+    """Return the findings on functions with different results of head and diagonals, and on
+    functions whose wrong sign would not be noticed.
     """
     bad = _contradicting(report)
     hidden = [name for name, facts in report.items() if facts.sign_hidden and name not in bad]

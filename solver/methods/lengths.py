@@ -2,8 +2,8 @@
 at 20 C (ISO 1).
 
 The scales, and with them EXX, EYY and EZZ, hold for a single temperature: that of the survey, or 20
-C if every reading was reduced before. The tables correct these scales. The others stand beside them
-and in no table: the two are never mixed.
+C if every reading was reduced before. The tables correct these scales. The scales at the other
+temperature are shown beside them and are in no table: the two are never mixed.
 """
 
 from collections.abc import Mapping
@@ -26,8 +26,8 @@ from stepdiag.solver.model.warmth import expansions
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
-"""Standard uncertainty of 20 C, or of the value in a survey file, without a measurement: as of a
-sensor silent for an hour. The user's own statement takes its place, smaller or larger.
+"""Standard uncertainty of 20 C, or of the value in a survey file, without a measurement: that of a
+sensor silent for an hour. The user's own statement replaces it, smaller or larger.
 """
 REACH_MM = 100.0
 """Distance from mirror to tool for which the effect of the angles is reported."""
@@ -36,8 +36,8 @@ REACH_MM = 100.0
 def at_their_temperature(
     readings: Readings, assumed: Assumptions | None, source: str
 ) -> Assumptions:
-    """Return the assumptions with the temperature of the readings: whether they stand at 20 C, and
-    the material's temperature.
+    """Return the assumptions with the temperature of the readings: whether they are reduced to 20
+    C, and the material's temperature.
 
     Readings reduced to 20 C from an unmeasured temperature carry its uncertainty: the user's
     statement, else `UNMEASURED_C`. Raises ``DataError`` if some readings were reduced to 20 C and
@@ -62,11 +62,11 @@ def at_their_temperature(
 
 
 def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[Finding, ...]:
-    """Return the findings about readings (their ``temperature_c``) without a measured temperature;
-    none else.
+    """Return the findings about readings (their ``temperature_c``) without a measured temperature,
+    if any.
 
-    A machine's sensor, or the operator, gives a temperature for each reading: a value of some
-    readings alone is no temperature of the survey.
+    A machine's sensor, or the operator, gives a temperature for each reading: a value for some
+    readings only is not the temperature of the survey.
     """
     missing = int(np.count_nonzero(~np.isfinite(temperature_c)))
     if not missing:
@@ -109,7 +109,7 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
 def lengths_report(
     scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool
 ) -> LengthsReport:
-    """Return which lengths the tables correct, and the scales as measured and at 20 C with their
+    """Return the lengths that the tables correct, and the scales as measured and at 20 C with their
     combined u.
 
     ``known``: the material's temperature was measured; without it the other scale is None.
@@ -134,8 +134,9 @@ def lengths_report(
 
 
 def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> LengthScale:
-    """Return a scale at the other temperature (um/m) and its u: a warm scale is long, and reads as
-    a machine that moves too far."""
+    """Return a scale at the other temperature (um/m) and its u: a warm scale is longer, so the
+    machine appears to move too far.
+    """
     if scale.value is None or scale.u is None or not known:
         return LengthScale(value=None, u=None)
     excess, coefficient = (
@@ -162,8 +163,8 @@ def tool_report(
     `REACH_MM` (k = 2).
 
     Functions are those of the point of the beam on the mirror: the tool offset of the model is
-    zero. An angular function counts with its largest value and U, an unseen function with the
-    assumed range.
+    zero. An angular function is represented by its largest value and U, an undetermined function by
+    the assumed range.
     """
     reach = []
     for name in ROTATIONS:

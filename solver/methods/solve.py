@@ -1,4 +1,4 @@
-"""The one door of the solver: readings in, result out."""
+"""The only entry to the solver: readings in, result out."""
 
 from collections.abc import Sequence
 
@@ -28,11 +28,11 @@ def solve(
 
     ``chain`` is ``FXYZ`` .. ``XYZF`` or the ISO form ``[w X' b Y Z t]``. ``angles`` are angular
     functions known from elsewhere; the others are resolved where the beams allow it, else estimated
-    within what is usual. ``straightness`` is what a 4-DOF head measured, ``assumed`` what the user
-    takes for granted about machine and hall. ``source`` names the readings in messages.
-    ``monte_carlo`` surveys are drawn beside the law of propagation (JCGM 101); 0: none. Raises
-    ``UsageError`` for a wrong chain or method, ``DataError`` where the readings are no survey or
-    the method needs others.
+    within what is usual. ``straightness`` are the values measured by a 4-DOF head, ``assumed`` the
+    user's assumptions about machine and hall. ``source`` names the readings in messages.
+    ``monte_carlo`` is the number of surveys drawn in addition to the law of propagation (JCGM 101);
+    0: none. Raises ``UsageError`` for a wrong chain or method, ``DataError`` where the readings do
+    not form a survey or the method needs others.
     """
     parse_chain(chain)
     chosen = method_of(method)

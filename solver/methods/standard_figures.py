@@ -2,8 +2,8 @@
 axes, ISO 230-6 along diagonals.
 
 Both directions are evaluated if the runs share the zero of the laser's count (contract 4, column
-``zero``). Passes that each restart at zero have lost the reversal value: its figures (B, R, A, and
-all of VDI/DGQ 3441) are then left out, with a finding.
+``zero``). Passes that each restart at zero have lost the reversal value: the figures with it (B, R,
+A, and all of VDI/DGQ 3441) are then left out, with a finding.
 """
 
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ DIAGONAL_ENTRY: dict[Kind, str] = {"body": "diagonals", "step": "step-diagonals"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SetupRuns:
-    """Targets by runs of one setup, the rows they come from, and what had to be left out."""
+    """Targets by runs of one setup, their rows, and the reasons for targets or runs left out."""
 
     setup: str
     rows: NDArray[np.int64]
@@ -52,7 +52,9 @@ class SetupRuns:
 
 
 def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> Vector:
-    """Return the way along the setup's direction from the low end of the pass, shape (rows,)."""
+    """Return the distance along the setup's direction from the low end of the pass, shape
+    (rows,).
+    """
     along: Vector = np.einsum("ij,ij->i", layout.position_mm[rows], layout.direction[rows])
     way: Vector = np.round(along - along.min(), 6)
     return way
@@ -72,9 +74,9 @@ def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, Se
     """Return the figures along the four diagonals of a kind (body, step), None where fewer were
     driven.
 
-    Only points on the diagonal count: there the mirror's lean has no first-order effect, it sums to
-    zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; figures of step diagonals
-    are marked in their name as none of the standard's.
+    Only points on the diagonal are used: there the mirror's tilt has no first-order effect, because
+    it sums to zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; figures of step
+    diagonals carry a mark in their name, because they are not figures of the standard.
     """
     found = {
         setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])
@@ -91,8 +93,9 @@ def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, Se
 def standards_report(
     layout: Layout, assumed: Assumptions | None = None
 ) -> dict[str, tuple[StandardFigures, ...]]:
-    """Return every figure, in um with ``U`` (k = 2): by setup, by standard, with how well the
-    standard's text is known."""
+    """Return every figure, in um with ``U`` (k = 2): by setup, by standard, with the source of the
+    standard's formula.
+    """
     sources = assumed or Assumptions()
     report: dict[str, tuple[StandardFigures, ...]] = {}
     for name, found in linear_runs(layout).items():
@@ -114,7 +117,7 @@ def standards_report(
 
 
 def standards_findings(layout: Layout) -> list[Finding]:
-    """Return what the figures leave out, each once."""
+    """Return the reasons for figures left out, each once."""
     along = [found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None]
     runs = [*linear_runs(layout).values(), *(one for _, each in along for one in each.values())]
     lost = {finding: one.setup for one in reversed(runs) for finding in one.findings}
@@ -155,8 +158,7 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
 
 
 def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return the passes of that stretch of unbroken count which holds most runs of both
-    directions."""
+    """Return the passes of the stretch of unbroken count with the most runs in both directions."""
     zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
     longest = max(
@@ -167,8 +169,9 @@ def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[n
 
 
 def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
-    """Return the sign of every axis' travel in the pass of each row, as its last stop was
-    approached, shape (rows, 3)."""
+    """Return the sign of every axis' travel in the pass of each row, at the approach of its last
+    stop, shape (rows, 3).
+    """
     last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
     travel: Vector = layout.approach[[last[number] for number in layout.pass_index[rows].tolist()]]
     return travel
@@ -197,7 +200,7 @@ def _positioning(
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
     """Return the uncertainty of the runs: lengths to ppm, readings and drift in um.
 
-    The material's temperature is in lengths at 20 C only: lengths as measured need no temperature.
+    Only lengths at 20 C contain the material's temperature; lengths as measured do not.
     """
     direction = np.abs(layout.direction[found.rows[0]])
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
@@ -214,7 +217,7 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
 
 
 def _vdi(found: SetupRuns) -> list[StandardFigures]:
-    """Return the figures of VDI/DGQ 3441, nothing without both directions and two runs of each."""
+    """Return the figures of VDI/DGQ 3441; none without both directions and two runs of each."""
     runs = found.runs
     if runs.down_um is None or min(runs.up_um.shape[1], runs.down_um.shape[1]) < 2:
         return []
@@ -233,6 +236,6 @@ def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
 
 
 def _plain(figures: PositioningFigures | DiagonalFigures | VdiFigures) -> dict[str, Any]:
-    """Return the named numbers of figures; what the runs do not give is left out."""
+    """Return the named numbers of figures, without those that the runs do not give."""
     values = {field.name: getattr(figures, field.name) for field in fields(figures)}
     return {name: value for name, value in values.items() if isinstance(value, float | str)}

@@ -60,20 +60,21 @@ from stepdiag.solver.uncertainty.spread import Spread
 HEAD_URAD = 1.0
 """Remaining range of an angular function measured by a 4-DOF head, in urad."""
 _MOST_OF_SHOWN = 1.5
-"""Largest factor of the other functions on a wave that a finer run shows of a function, from zero
-up, each factor as likely.
+"""Largest factor between the other functions and a wave found in one function by a finer run; each
+factor from zero up to it is equally likely.
 """
 
 
 Machines = tuple[Machine, Machine, Vector]
-"""The machine whole, as the readings determine it, and the covariance of the rest (`as_known`)."""
+"""The whole machine, as the readings determine it, and the covariance of the rest (`as_known`)."""
 
 
 def with_the_usual(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Spread:
-    """Return the covariances with what is usual for what is not identified; the same where all of
-    it is."""
+    """Return the covariances with the usual sizes for unidentified quantities; unchanged if all are
+    identified.
+    """
     rows, u = usual_rows(quantities, known, found.assumed)
     return (
         replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
@@ -88,11 +89,11 @@ def make_posterior(
     known: Mapping[str, bool],
     errors: Mapping[str, Function],
 ) -> Posterior:
-    """Return how the machine may differ from what is reported; what is not identified counts with
-    what is usual.
+    """Return the possible differences between the machine and the report; unidentified quantities
+    have their usual size.
 
-    ``wider`` are the covariances with them (`with_the_usual`), the basis of the machine's expected
-    place; ``machines`` as of `as_known`.
+    ``wider`` are the covariances including them (`with_the_usual`), the basis of the machine's
+    expected state; ``machines`` as from `as_known`.
     """
     machine, seen, unmeasured = machines
     offset = _offset(machine, wider, spread, errors, known)
@@ -105,8 +106,8 @@ def make_posterior(
 def as_known(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Machines:
-    """Return the machine whole, its values by the readings, and the covariance of the unseen parts
-    (`separated`).
+    """Return the whole machine, its values by the readings, and the covariance of the undetermined
+    parts (`separated`).
     """
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(spread.fit.size), found.products)
@@ -126,8 +127,8 @@ def volume_shares_um(
     """Return the root mean square of the error vector over the volume by source (k = 1), of the
     same causes as the posterior.
 
-    ``u_um`` is what all make together. Of what was not measured only the usual is known, within a
-    factor: it has what is left of ``u_um``.
+    ``u_um`` is the combined value of all sources. For unmeasured errors only the usual size is
+    known, within a factor: their share is the rest of ``u_um``.
     """
     _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
@@ -161,10 +162,10 @@ def _offset(
     errors: Mapping[str, Function],
     known: Mapping[str, bool],
 ) -> Vector:
-    """Return where the machine is to be expected beside what is reported: nothing but what is not
-    identified is left out there.
+    """Return the expected difference between the machine and the report: it consists only of
+    unidentified values, which the report leaves out.
 
-    Of a positioning function whose slope is not identified the rest is reported all the same.
+    Of a positioning function without an identified slope, the rest is reported nevertheless.
     """
     expected = machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
     tabled = [
@@ -193,10 +194,10 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     """Return equally likely sizes of the deviation of each displacement function from the straight
     line in the middle between two targets.
 
-    The bends of its values from target to target beyond their noise give the size within a factor.
-    Waves without a trace at the targets are looked for in the positioning functions (screw, scale):
-    no reading gives their size, or whether they are there at all. If a finer run shows such waves
-    of a function, the others may have them as well.
+    The bends of its values from target to target, beyond their noise, give the size within a
+    factor. Waves that leave no trace at the targets are assumed in the positioning functions
+    (screw, scale), because no reading gives their size or excludes them. If a finer run shows such
+    waves of a function, the others may have them as well.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = (
@@ -279,8 +280,9 @@ def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArr
 def drawn_surveys(
     spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int
 ) -> MonteCarlo:
-    """Return per function (rms over its nodes) or number the standard deviation of drawn surveys,
-    beside the one stated, and the shortest 95 % interval of a number (JCGM 101)."""
+    """Return for each function (rms over its nodes) or number the standard deviation of drawn
+    surveys, beside the stated one, and the shortest 95 % interval of a number (JCGM 101).
+    """
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report = {}
     for name, rows in _known(quantities, known).items():
@@ -292,18 +294,19 @@ def drawn_surveys(
 
 
 def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, float]:
-    """Return what is to be expected as the machine stands and after an ideal compensation, and the
-    volumetric uncertainty (rms, k = 1)."""
+    """Return the expected errors of the machine as found and after an ideal compensation, and the
+    volumetric uncertainty (rms, k = 1).
+    """
     points = anywhere_mm(result.volume)
     return predicted_with_u(result, posterior, points, -error_field_um(result, points))
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:
-    """Return the volumetric uncertainty as found and with all angular functions known to
-    `HEAD_URAD`.
+    """Return the volumetric uncertainty as found, and the same with all angular functions known
+    within `HEAD_URAD`.
 
-    Unidentified quantities count with their usual size (`with_the_usual`), as in ``now_um``: alone
-    they are those of an arbitrary solution.
+    Unidentified quantities have their usual size (`with_the_usual`), as in ``now_um``: without it
+    they would be those of an arbitrary solution.
     """
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}

@@ -1,5 +1,5 @@
-"""The linear model: which unknowns a survey has and how each reading depends on them.
+"""The linear model: the unknowns of a survey and the dependence of each reading on them.
 
-In: readings and known angles. Out: a layout, rows of the design, the quantities asked for. Imported
+In: readings and known angles. Out: a layout, rows of the design, the requested quantities. Imported
 by adjustment and above.
 """

@@ -41,10 +41,10 @@ class _Row:
 
 def parse_angles(text: str, source: str = "angles.csv") -> Angles:
     """Return the functions of an angles file (contract 4); an empty field is unknown, a column
-    without any number is no function.
+    without a number gives no function.
 
-    Raises ``DataError`` that names the line for anything else, and for a function known at less
-    than two positions.
+    Raises ``DataError``, with the line, for any other content, and for a function with fewer than
+    two positions.
     """
     table = read_table(text, source, ("axis", "position_mm", *ROTATION_COLUMNS))
     rows = [_row(source, number, fields) for number, fields in table]
@@ -99,7 +99,8 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
 
 def render_angles(angles: Angles) -> str:
     """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same
-    functions: a row for each uncertainty."""
+    functions: a row for each uncertainty.
+    """
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):
         mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]

@@ -1,10 +1,10 @@
-"""Readings off the nodes: what a function does there beside the straight line between its nodes, as
-unknowns of their own.
+"""Readings between the nodes: the departure of a function from the straight line between its nodes,
+as further unknowns.
 
-A linear run may be driven finer than the diagonals, diagonals with different increments, a 4-DOF
-head's run with more stops: what such a reading sees of a function is no noise. Within a cell the
-departure is a Brownian bridge (zero at both nodes, smooth in no other sense), its size found with
-the others.
+A linear run may have more targets than the diagonals, diagonals may have different increments, and
+a 4-DOF head's run may have more stops: a function's departure in such a reading is not noise.
+Within a cell the departure is a Brownian bridge (zero at both nodes, without further smoothness),
+whose size is estimated with the others.
 """
 
 from collections.abc import Sequence
@@ -22,19 +22,19 @@ from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
 from stepdiag.solver.model.layout import Layout
 
 USUAL_UM = 0.5
-"""Standard deviation in the middle between two nodes where the search for it begins."""
+"""Standard deviation in the middle between two nodes at the start of the search."""
 MOST_CAUSES = 600
-"""With more, only the longest waves of every cell are kept: what is shorter is smaller."""
+"""With more positions, only the longest waves of every cell are kept: shorter ones are smaller."""
 BETWEEN = "between the nodes"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisBetween:
-    """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of what
-    a function does there.
+    """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of a
+    function's departure there.
 
     ``alone`` (positions,) marks the positions of a laser's run of this axis alone: there its
-    positioning is measured, elsewhere only within a sum, or a head measured straightness.
+    positioning is measured; elsewhere only a sum is, or a head measured straightness.
     """
 
     position_mm: Vector
@@ -44,8 +44,9 @@ class AxisBetween:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Between:
-    """By axis the positions off the nodes; ``names`` of the functions that readings see there, in
-    the order of their causes."""
+    """The positions between the nodes by axis; ``names`` of the functions that affect readings
+    there, in the order of their causes.
+    """
 
     axes: tuple[AxisBetween, ...]
     names: tuple[str, ...]
@@ -60,15 +61,16 @@ class Between:
         return self.axes[DISPLACEMENTS.index(name) // 3]
 
     def causes_of(self, name: str) -> slice:
-        """Return the places of a function's causes among all of them."""
+        """Return the indices of a function's causes among all."""
         before = self.names[: self.names.index(name)]
         first = sum(self.of(one).basis.shape[1] for one in before)
         return slice(first, first + self.of(name).basis.shape[1])
 
 
 def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) -> Between:
-    """Return what is to be found off the nodes, by readings or by a head's passes: nothing where
-    all of them lie on the nodes."""
+    """Return the causes between the nodes, from readings or a head's passes: none where all
+    positions are nodes.
+    """
     off = _off_nodes(layout)
     heads = [(one.name, one.position_mm[_head_off_nodes(layout, one)]) for one in measured]
     by_head = {name for name, at_mm in heads if len(at_mm)}
@@ -94,7 +96,7 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
 
 
 def effect_between(layout: Layout, between: Between) -> Effect:
-    """Return the effect on the readings, one column a cause."""
+    """Return the effect on the readings, one column for each cause."""
     off = _off_nodes(layout)
     pattern = np.zeros((len(layout), between.count))
     for name in between.names:
@@ -126,8 +128,8 @@ def between_beside_head(
 
 
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
-    """Return for each reading and axis whether it lies off the nodes of an axis travelled by its
-    setup, shape (m, 3).
+    """Return for each reading and axis whether it lies between the nodes of an axis travelled by
+    its setup, shape (m, 3).
 
     The error of a standing axis is in the offset of the count.
     """
@@ -160,7 +162,7 @@ def _positions(
 def _axis(
     layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float
 ) -> AxisBetween:
-    """Return the bridges of the cells at positions, at most so many components in each."""
+    """Return the bridges of the cells at positions, with a largest number of components in each."""
     steps = (
         (position_mm - layout.volume.origin_mm[axis])
         / layout.volume.length_mm[axis]
@@ -185,7 +187,7 @@ def _axis(
 
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
-    """Return the axis with a share of its components, one a cell at least."""
+    """Return the axis with a share of its components, at least one a cell."""
     volume = layout.volume
     steps = (
         (axis.position_mm - volume.origin_mm[number]) / volume.length_mm[number] * volume.increments
@@ -201,8 +203,8 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    """Return the position meant by each wanted value: the position at or before it, since the least
-    of equal positions is kept.
+    """Return for each wanted value the stored position at or before it: of equal positions the
+    smallest is stored.
     """
     found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

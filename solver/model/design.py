@@ -1,5 +1,5 @@
 """The linear reading model: every reading as a sum over the machine's errors at the nodes and the
-nuisances of its setup.
+further unknowns of its setup.
 
     deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first
     order exact for a rigid body
@@ -11,11 +11,11 @@ nuisances of its setup.
                 repeats: solver.adjustment.scatter
 
 ``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the
-zero of the laser's count: otherwise the offset of each pass takes it.
+zero of the laser's count; otherwise the offset of each pass absorbs it.
 
 Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node
-of each axis, linear between nodes. Rigid rotations are left free here: what the readings do not see
-is found by `solver.linear.least_squares`, not assumed.
+of each axis, linear between nodes. Rigid rotations are free here: `solver.linear.least_squares`
+finds the directions that the readings do not determine, without assumptions.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ from stepdiag.solver.model.layout import Layout
 _ROUNDING = 1e-9
 """Of an increment."""
 FEW_UNKNOWNS = 128
-"""So many are eliminated at once: blocks would cost more calls than they save."""
+"""Number of unknowns eliminated at once: smaller blocks would cost more calls than they save."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +58,9 @@ class Columns:
     """The columns of the unknowns. Functions are numbered by part (0 displacement, 1 rotation, 2
     reversal), axis and component.
 
-    From ``play`` on stand the nine reversals at the low end, by axis and component; none where
-    ``play == offset``. From ``line`` on stand offset and slope of every line that
-    `solver.model.lateral` fits with, from ``miss`` on the misses of the moves.
+    From index ``play`` on are the nine reversals at the low end, by axis and component; none where
+    ``play == offset``. From index ``line`` on are offset and slope of every line in
+    `solver.model.lateral`, from ``miss`` on the misses of the moves.
     """
 
     nodes: int
@@ -76,7 +76,7 @@ class Columns:
 
     @property
     def machine(self) -> int:
-        """Return the number of unknowns that belong to the machine: they stand first."""
+        """Return the number of unknowns that belong to the machine, the first ones."""
         return self.offset
 
     def of(self, part: int, axis: int, component: int) -> NDArray[np.int64]:
@@ -90,9 +90,9 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """The rows of all readings, and the meaning of the nuisance columns.
+    """The rows of all readings, and the meaning of the columns of further unknowns.
 
-    ``tilt_direction`` (k, 3) is the direction in which each tilt column leans its mirror;
+    ``tilt_direction`` (k, 3) is the direction in which each tilt column tilts its mirror;
     ``drift_pairs`` names setup and out-and-back pair of each drift column and whether its unit is
     per hour, ``drift_spans`` its duration (hours or stops).
     """
@@ -108,8 +108,9 @@ class Design:
 
 
 def build_design(layout: Layout, chain: str, model: Model) -> Design:
-    """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for a chain that
-    is none."""
+    """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for an invalid
+    chain.
+    """
     tilt_setup, tilt_direction = _tilts(layout)
     pairs = _drift_pairs(layout)
     parts = tuple(
@@ -176,8 +177,9 @@ def _rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) 
 
 
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
-    """Return the lower node and the fraction towards the next for positions (m, 3); what rounding
-    makes of a node lies on it."""
+    """Return the lower node and the fraction towards the next for positions (m, 3); a position that
+    differs from a node only by rounding lies on it.
+    """
     steps = (position_mm - volume.origin_mm) / volume.length_mm * volume.increments
     near = np.round(steps)
     steps = np.where(np.abs(steps - near) <= _ROUNDING, near, steps)
@@ -229,8 +231,9 @@ def _machine_entries(
 def _function_entries(
     columns: Columns, part: int, node: NDArray[np.int64], value: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return nine entries a row; the first node of an axis is the zero of its functions and has no
-    unknown."""
+    """Return nine entries a row; the first node of an axis is the zero of its functions and so not
+    an unknown.
+    """
     start = columns.parts.index(part) * 9 * columns.nodes
     known = np.maximum(node, 1) - 1
     column = start + ((np.arange(3) * columns.nodes + known) * 3)[:, :, None] + np.arange(3)
@@ -238,7 +241,7 @@ def _function_entries(
 
 
 def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return nine entries a row, none where constant backlash cannot be seen."""
+    """Return nine entries a row, none where constant backlash is not observable."""
     count = columns.offset - columns.play
     column = np.broadcast_to(columns.play + np.arange(count), (len(layout), count))
     value = displacement_coefficients(layout) * layout.approach[:, :, None] / 2.0
@@ -246,18 +249,19 @@ def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Every count has an offset: its first stop is as uncertain as the others, and all are relative
-    to it.
+    """Every count has an offset: its first stop is as uncertain as the others, and all readings are
+    relative to it.
 
-    An outward pass and its return share it, repetitions do not: the drift of the count between
-    repetitions is irrelevant.
+    An outward pass and its return share the offset, repetitions do not: the drift of the count
+    between repetitions has no effect.
     """
     return (columns.offset + layout.offset_index)[:, None], np.ones((len(layout), 1))
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
-    """Return the setup and direction of every tilt that the travel of a setup can show: none for
-    travel along the beam."""
+    """Return the setup and direction of every tilt that the travel of a setup can show; travel
+    along the beam shows none.
+    """
     setups: list[int] = []
     directions: list[Vector] = [np.zeros((0, 3))]
     for index in range(len(layout.setups)):
@@ -315,8 +319,9 @@ def _drift_entries(
 
 
 def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return three entries a row, none without misses: an axis stands beside its target by what its
-    last move missed."""
+    """Return three entries a row, none without misses: an axis stands beside its target by the miss
+    of its last move.
+    """
     if columns.count == columns.miss:
         return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))
     travels = layout.arrival >= 0
@@ -350,7 +355,7 @@ def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
 
 
 def _merged(group: NDArray[np.int64], rows: Rows) -> NDArray[np.int64]:
-    """Return groups merged until every row touches neighbours only."""
+    """Return groups merged until every row involves only neighbouring groups."""
     touched = np.where(rows.value != 0, group[rows.column], -1)
     highest = touched.max(axis=1)
     lowest = np.where(touched < 0, highest[:, None], touched).min(axis=1)

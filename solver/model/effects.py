@@ -1,10 +1,10 @@
-"""Causes that move many readings together and of which only the usual size is known: random effects
-of the common adjustment.
+"""Causes that change many readings together and whose usual size alone is known: random effects of
+the common adjustment.
 
 Each kind of cause is an `Effect`: a pattern on the readings (a column per independent cause, at one
 standard deviation of its usual size), its words, and the certainty of its size. The sizes are
 estimated from the readings by restricted maximum likelihood (`solver.linear.components`); a size
-that the readings cannot see stays as assumed and widens the uncertainty.
+that the readings do not determine stays as assumed and increases the uncertainty.
 """
 
 from collections.abc import Mapping
@@ -24,11 +24,12 @@ from stepdiag.solver.model.warmth import counted_mm, excess_c
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 """Standard deviations of an angular function's straight part at the far end and of its first half
-wave, as shares of its range; higher half waves fall with their number, as those of guideways do."""
+wave, as shares of its range; higher half waves decrease with their number, as for guideways.
+"""
 MOST_WAVES = 16
 LONG_WAVES = 3
-"""Half waves of a common size with the straight part; further half waves have another size, since
-the smoothness of guideways is unknown.
+"""Number of half waves with the same size as the straight part; further half waves have another
+size, since the smoothness of guideways is unknown.
 """
 ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
@@ -36,8 +37,9 @@ TURNING = (ANGLES, SHORT_ANGLES)
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
 ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
-"""Backlash at first stops beside the repeatability of an approach, before its size is found:
-overrun leaves none, a pass without it all."""
+"""Backlash at first stops, in addition to the repeatability of an approach, before its size is
+estimated: overrun leaves none, a pass without overrun all.
+"""
 WANDER_WAVES = 3
 BEARING = 0.5
 """Distance of the bearing that holds a screw from the low corner of the volume, as a share of the
@@ -51,7 +53,8 @@ TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect:
     """One kind of cause: ``pattern_um`` (m, k) on the readings, whether its size is ``sought`` in
-    them, what was assumed."""
+    them, and the assumption about it.
+    """
 
     name: str
     text: Words
@@ -94,8 +97,7 @@ class AngleShapes:
         return len(self.names) * (1 + min(self.waves, LONG_WAVES))
 
     def causes_of(self, name: str) -> NDArray[np.int64]:
-        """Return the places of a function's causes among all of them, in the order of its
-        shapes."""
+        """Return the indices of a function's causes among all, in the order of its shapes."""
         place, long = self.names.index(name), 1 + min(self.waves, LONG_WAVES)
         short = self.waves + 1 - long
         return np.concatenate(
@@ -104,8 +106,9 @@ class AngleShapes:
 
 
 def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptions) -> AngleShapes:
-    """Return the description of the angular functions that are not ``known`` and are assumed to be
-    there."""
+    """Return the description of the angular functions that are not ``known`` but assumed to
+    exist.
+    """
     names = tuple(
         name for name in ROTATIONS if name not in known and assumed.angle_range_urad(name) > 0
     )
@@ -121,8 +124,8 @@ def effects_of(
     """Return every effect on the readings of a layout; effects that cannot move any reading are
     left out.
 
-    Angular functions stay even if no reading sees them (linear runs along the axes of the volume):
-    the machine turns all the same.
+    Angular functions stay even if no reading depends on them (linear runs along the axes of the
+    volume), because the machine has them nevertheless.
     """
     found = (
         *_angles(layout, chain, shapes),
@@ -143,11 +146,11 @@ def effects_of(
 
 
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
-    """Return the spot formula (theory 4.3) for functions of unknown size, and for their short
-    waves, of unknown smoothness.
+    """Return the effects of the spot formula (theory 4.3) for functions of unknown size, and of
+    their short waves, whose smoothness is unknown.
 
-    With a common size, absent short waves, which readings see best, would make the long waves
-    small.
+    With a common size for both, the absence of short waves, which the readings show best, would
+    also make the long waves small.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
@@ -187,14 +190,15 @@ def _by(index: NDArray[np.int64], values: Vector) -> Vector:
 
 
 def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for every reading the place of the first that has the same index, shape (m,)."""
+    """Return for every reading the place of the first reading with the same index, shape (m,)."""
     _, first, member = np.unique(index, return_index=True, return_inverse=True)
     return np.asarray(first[member])
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return a ramp for each unbroken count; where the return pass lets the adjustment find the
-    ramp, its price is nil."""
+    """Return a ramp for each unbroken count; no prior limits it where the return pass determines
+    it.
+    """
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
     return Effect(
         name="drift",
@@ -253,13 +257,12 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _growth(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return how each axis grows in the course of the survey, as its drive warms: exponentials
-    about the mean of all readings.
+    """Return the growth of each axis during the survey, as its drive warms: exponentials about the
+    mean of all readings.
 
-    Three columns an axis for its length, three for how far from the low corner its bearing holds
-    it.
+    Three columns an axis for its length, three for the distance of its bearing from the low corner.
 
-    Without the times of all readings nothing of it can be separated from the scales of setups.
+    Without the times of all readings, growth cannot be separated from the scales of setups.
     """
     waves = growth_waves(layout)
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction
@@ -286,7 +289,7 @@ def growth_waves(layout: Layout) -> Vector:
 
 def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
     """Return the backlash of each axis at the stops before its first move in their pass: the axis
-    came there from within the volume.
+    reached its place from within the volume.
 
     In a pass without overrun these stops differ from the stops of later moves by the backlash, the
     same in every pass. Their further misses belong to the scatter.
@@ -307,10 +310,11 @@ def _registers(layout: Layout) -> Effect:
     """Return the effect on the readings of positions that scatter in the registers alone while the
     machine stands still.
 
-    The deviations count from the positions reported. The laser shows the unseen part of their
-    scatter, from nothing (the axis stood there) to all of it (amount 1): the scatter while an axis
-    stands, whose place cannot change, and the differences between the ends of its moves. The
-    rounding that a program repeats at each target, or adds up along its way, is no scatter.
+    The deviations are relative to the reported positions. The laser shows the undetected part of
+    their scatter, from nothing (the axis really stood there) to all of it (amount 1): the scatter
+    while an axis stands, whose place cannot change, and the differences between the ends of its
+    moves. A rounding that a program repeats at each target, or accumulates along its way, is not
+    scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -336,9 +340,9 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
     """Return the deviations of positions from the mean at their target and from the sum of a
     program's increments, shape (m,).
 
-    Increments of a size are rounded alike: their sum grows with the way from the first stop of the
-    pass, or of the setup if each pass begins at the end of the pass before. Passes with as many
-    targets have increments of the same size.
+    Increments of the same size are rounded alike: their sum grows with the distance from the first
+    stop of the pass, or of the setup if each pass begins at the end of the previous pass. Passes
+    with the same number of targets have increments of the same size.
     """
     beside, targets, passes = (
         layout.beside_mm[:, axis],
@@ -358,7 +362,7 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the one error of the air's index and the wavelength, which no closure shows."""
+    """Return the common error of the air's index and the wavelength, which no closure shows."""
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
     text = message("assumed-air", index_ppm=assumed.index * 1e6)
     return Effect(name="air", text=text, pattern_um=1e6 * assumed.index * along_m[:, None])
@@ -367,8 +371,8 @@ def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
 def _material(layout: Layout, assumed: Assumptions) -> Effect:
     """Return per axis the effect of its temperature and of its coefficient (theory 8.7).
 
-    Both are in the lengths where the readings were reduced to 20 C; the coefficient also where they
-    were brought to one temperature.
+    Both affect the lengths if the readings were reduced to 20 C; the coefficient also if they were
+    reduced to one temperature.
     """
     along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C

@@ -3,9 +3,9 @@
     value = D_c(a) + (alpha_a(a) x r_a)_c + approach / 2 * R_c(a) + offset + slope * (a - low)
 
 for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset
-and slope belong to the head's alignment, so every pass of every direction has its own and neither
-touches the squareness. The diagonals and the head thus meet with their own weights: what they
-disagree about shows in the residuals and enlarges the uncertainties.
+and slope belong to the head's alignment, so every pass in every direction has its own, and neither
+affects the squareness. So the diagonals and the head enter with their own weights: a disagreement
+appears in the residuals and increases the uncertainties.
 """
 
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ class MeasuredStraightness:
     """A pass of the head in a lateral direction: ``name`` is EYX .. EYZ, positions in mm, values
     and standard uncertainties in um.
 
-    ``approach`` is +1 for travel of the axis in +, -1 in -. The values may hold any straight line.
-    The adjustment takes them `at_targets`.
+    ``approach`` is +1 for travel of the axis in +, -1 in -. The values may contain any straight
+    line. The adjustment uses them `at_targets`.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Observed:
 def at_targets(
     measured: Sequence[MeasuredStraightness], layout: Layout
 ) -> list[MeasuredStraightness]:
-    """Return the head's passes at the targets of their stops, which are those of the readings where
+    """Return the head's passes at the targets of their stops, which are those of the readings if
     these have them.
 
     A value moves with its stop along the straight line through its pass: the line of the head's
@@ -93,8 +93,7 @@ def lateral_rows(
     """Return the rows of the head's passes; ``design`` was built with ``Model.lines =
     len(measured)``.
 
-    Raises ``DataError`` for a position outside the volume: what lies there is no unknown of the
-    survey.
+    Raises ``DataError`` for a position outside the volume, where the survey has no unknowns.
     """
     pieces = [_rows_of(design, number, one) for number, one in enumerate(measured)]
     empty = (np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)))
@@ -181,8 +180,9 @@ def nodes_of(
 
 
 def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vector:
-    """Return um of displacement in ``component`` per urad about each axis, shape (k, 3): zero where
-    the carriage moves along."""
+    """Return um of displacement in ``component`` per urad about each axis, shape (k, 3): zero in
+    the moving direction of the carriage.
+    """
     arm = np.zeros((len(position_mm), 3))
     arm[:, axis] = abbe_mask(design.chain)[axis, axis] * (
         position_mm - design.volume.origin_mm[axis]
@@ -192,8 +192,9 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
 
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
-    """Return the effect of the known rotations of the axis on the measured values, shape (k,), but
-    for a straight line, which these may hold."""
+    """Return the effect of the known rotations of the axis on the measured values, shape (k,),
+    without its straight line, which the values may contain.
+    """
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)
     total = np.zeros(len(arms))

@@ -1,5 +1,6 @@
-"""From readings to geometry: the volume, the travel of every pass, the beam, and what each reading
-deviates from nominal."""
+"""From readings to geometry: the volume, the travel of every pass, the beam, and the deviation of
+each reading from nominal.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +25,9 @@ from stepdiag.base.volume import (
 
 MOST_SETUPS = 200
 BESIDE_NODE = 0.3
-"""Of an increment, from a node to the nearest target of a run: its value is then that target's
-rather than its neighbours'."""
+"""Share of an increment, from a node to the nearest target of a run, within which the node's value
+depends on that target rather than on its neighbours.
+"""
 MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
 """Stops in a step of each kind of setup."""
 
@@ -86,12 +88,13 @@ class Layout:
     @property
     def joined(self) -> bool:
         """Return whether any outward pass and its return share the zero of the count: then constant
-        backlash shows."""
+        backlash is observable.
+        """
         outward = np.array([key.outward for key in self.passes])[self.pass_index]
         return bool(np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size)
 
     def since_zero_mm(self) -> Vector:
-        """Return how far the laser has counted since its zero, shape (m,)."""
+        """Return the distance that the laser has counted since its zero, shape (m,)."""
         first = np.unique(self.zero_index, return_index=True)[1]
         counted: Vector = (
             self.reading_mm
@@ -104,8 +107,8 @@ class Layout:
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def leaning(self, tilt_mrad: Vector) -> "Layout":
-        """Return the layout of the leaning machine: at its reported positions, mirror and beam
-        leaning by ``tilt_mrad`` (setups, 3).
+        """Return the layout of the tilted machine: at its reported positions, with mirror and beam
+        tilted by ``tilt_mrad`` (setups, 3).
 
         Machine errors are seen along the mirror's normal, and the spot runs along the beam, which
         autocollimation makes the same line. The lean's effect on the nominal travel stays with the
@@ -148,9 +151,9 @@ _COLUMNS = (
 def lay_out(readings: Readings, source: str = "readings", volume: Volume | None = None) -> Layout:
     """Return the geometry of readings.
 
-    Without ``volume``, it and the increments follow from the body step diagonals, without them from
+    Without ``volume``, box and increments follow from the body step diagonals, without them from
     the face diagonals, then the continuous diagonals, then the linear runs; an axis that none of
-    these travels is without length. Stops outside the volume are left out with a finding. Raises
+    these travels has no length. Stops outside the volume are left out with a finding. Raises
     ``DataError`` if positions do not form a box, a pass departs from its setup, or the laser
     contradicts the travel, naming the stop.
     """
@@ -180,8 +183,9 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
 
 
 def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "readings") -> Volume:
-    """Return the box that the diagonals span. Raises ``DataError`` where they span none or not the
-    same one."""
+    """Return the common box of the diagonals. Raises ``DataError`` where they form no box or
+    different boxes.
+    """
     by_kind: dict[Kind, list[Setup]] = {}
     for setup in setups:
         by_kind.setdefault(setup.kind, []).append(setup)
@@ -209,8 +213,8 @@ def _edges_mm(
     """Return low and high edge of the box along an axis, from the setups of the first of the
     ``kinds`` that travels this axis.
 
-    If none does, the axis reaches over the lines at which it stood, and is without length for a
-    single line.
+    If no setup travels the axis, the edges are the outermost lines at which it stood; with a single
+    line the axis has no length.
     """
     travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
     signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
@@ -238,8 +242,8 @@ def _edges_mm(
 def _even_steps(
     readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int
 ) -> int:
-    """Return the most equal steps at which every node has a target of each run beside it: otherwise
-    its value hangs on others far away.
+    """Return the most equal steps at which every node is near a target of each run: otherwise its
+    value depends on distant targets.
     """
     shares = []
     for setup in runs:
@@ -359,8 +363,9 @@ def targets_tolerance_mm(
     setups: Sequence[Setup],
     volume: Volume,
 ) -> Vector:
-    """Return how far beside its target a stop may lie in each axis, shape (3,): less where a linear
-    run has targets closer together."""
+    """Return the largest distance of a stop from its target in each axis, shape (3,): less where a
+    linear run has closer targets.
+    """
     step, runs = (
         volume.step_mm.copy(),
         {setup.name: setup for setup in setups if setup.kind == "linear"},
@@ -407,8 +412,8 @@ def _approach(
 ) -> Vector:
     """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of its pass.
 
-    If the machine reversed at the first stop, every axis had come there in the direction of the
-    pass before, and stays on this side until its next move.
+    If the machine reversed at the first stop, every axis reached it in the direction of the
+    previous pass, and stays on this side until its next move.
     """
     approach = travelled.copy()
     for first in np.flatnonzero(turned).tolist():
@@ -450,7 +455,7 @@ def _drift_clock(
 
 
 def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tuple[Finding, ...]:
-    """Return the finding that names the stops which passes lack."""
+    """Return the finding that names the missing stops of passes."""
     lacking = {key: missing_stops(readings.stop[rows]) for key, rows in passes.items()}
     named = [
         message("stops-of-setup", setup=key.setup, number=key.number, stops=stops.tolist())

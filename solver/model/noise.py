@@ -16,12 +16,13 @@ ASSUMED_U_UM = 0.3
 redundancy give the noise.
 """
 LEAST_U_UM = 1e-3
-"""No reading is taken for better than this: simulated readings without noise must not make an
-infinite weight."""
+"""Smallest noise of a reading: simulated readings without noise must not have an infinite
+weight.
+"""
 LEAST_FREEDOM = 4.0
 """Degrees of freedom below which the residuals do not measure the noise."""
 CHECKED = 0.01
-"""Residuals with less redundancy than this give no noise."""
+"""Redundancy below which residuals give no noise."""
 
 
 def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:

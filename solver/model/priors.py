@@ -16,22 +16,24 @@ from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
 
 EXACT = 1e-3
-"""Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far
-above rounding."""
+"""Standard uncertainty (urad, um) of values held by convention: far below anything measurable, far
+above rounding.
+"""
 DRIFT_UM = 1.0
-"""Standard uncertainty of the drift in an outward pass and its return before the data."""
+"""Standard uncertainty of the drift in an outward pass and its return, before the data."""
 REVERSAL_CHANGE_UM = 2.0
-"""Standard uncertainty of what reversal changes from end to end of an axis before the data. Drift
-and a reversal that grows along the axis look alike between the outward pass and its return: neither
-is ever taken for smaller than this, or it would hide in the other."""
+"""Standard uncertainty of the change of reversal from end to end of an axis, before the data.
+Between an outward pass and its return, drift and a reversal that grows along the axis have the same
+effect: neither is assumed smaller than this value, because the other would then absorb it.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
     """Rows whose target is zero, and their standard uncertainty.
 
-    ``found`` names the rows whose size the data may enlarge, group by group, ``misses`` the rows of
-    the moves' misses.
+    ``found`` names the rows whose size the data may increase, group by group, ``misses`` the rows
+    of the moves' misses.
     """
 
     rows: Rows
@@ -58,8 +60,9 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
 
 
 def has_stated_u(angles: Angles) -> bool:
-    """Return whether any angular function comes with an uncertainty: then it is an observation, not
-    a constant."""
+    """Return whether any angular function has an uncertainty: then it is an observation, not a
+    constant.
+    """
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 
@@ -68,9 +71,10 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     change of reversal along an axis, and for the misses of moves (1 um each:
     `solver.adjustment.scatter` estimates their size).
 
-    A function given with uncertainty may differ by it, a function given without may not; other
-    functions are no unknowns of the rows but effects (`solver.model.effects`); ``free_angles``
-    leaves them free, to test the view of the rows on them.
+    A function given with an uncertainty may differ by this uncertainty, a function given without
+    one may not differ. Other functions are not unknowns of the rows but effects
+    (`solver.model.effects`); ``free_angles`` leaves them free, to test whether the rows determine
+    them.
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []
@@ -122,7 +126,8 @@ def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
     """Return the effect of the error of each given function's first position on the ``count`` rows
     of `make_prior`, shape (count, k).
 
-    A head's angles are relative to the first position: its error is in all the others.
+    A head's angles are relative to the first position: the error there is contained in all the
+    others.
     """
     names = (
         [name for name in ROTATIONS if name in angles and np.isfinite(angles[name].u_urad[0])]
@@ -154,9 +159,9 @@ def _reversal_changes(
 ) -> tuple[NDArray[np.int64], Vector]:
     """Return the rows that set the change of a reversal function from node to node to zero.
 
-    Backlash hardly depends on where the axis stands; and a reversal that grows along all axes at
-    once looks like drift between the outward and the return pass, which is the more likely of the
-    two.
+    Backlash hardly depends on the position of the axis. A reversal that grows along all axes at
+    once looks like drift between the outward and the return pass, and drift is the more likely of
+    the two.
     """
     at = columns.of(2, axis, component)
     value = np.column_stack([np.ones(len(at)), -1.0 * (np.arange(len(at)) > 0)])

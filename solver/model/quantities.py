@@ -2,8 +2,8 @@
 
 A function is its values at nodes 1 .. n with the end-point line removed (node n is then zero and
 left out); squareness and scale hold the slopes. A rigid rotation adds antisymmetric slopes, so the
-sums below do not see this rotation (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' + EZX'``,
-``A0Z = -(EYZ' + EZY')``.
+sums below do not depend on this rotation (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' +
+EZX'``, ``A0Z = -(EYZ' + EZY')``.
 """
 
 from dataclasses import dataclass

@@ -16,29 +16,31 @@ from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.quantities import Quantities, quantities
 
 SCALE_SUM = "scale sum"
-"""The weighted sum S = sum L^2 scale / R that four diagonals see of the three scales (theory 3,
-E5), in um."""
+"""The weighted sum S = sum L^2 scale / R of the three scales, measured by four diagonals (theory 3,
+E5), in um.
+"""
 REVERSAL_PART = 2
 
 
 def sloped(name: str) -> str:
-    """Return the name under which a positioning function stands with its slope."""
+    """Return the name of a positioning function with its slope."""
     return f"sloped {name}"
 
 
 def shape(name: str) -> str:
-    """Return the name under which a rotation stands without its end-point line."""
+    """Return the name of a rotation without its end-point line."""
     return f"shape {name}"
 
 
 def reversal(name: str) -> str:
-    """Return the name under which the direction-dependent part of a function stands."""
+    """Return the name of the direction-dependent part of a function."""
     return f"reversal {name}"
 
 
 def backlash(name: str) -> str:
-    """Return the name under which the direction-dependent part of a function stands with its value
-    at the low end."""
+    """Return the name of the direction-dependent part of a function with its value at the low
+    end.
+    """
     return f"backlash {name}"
 
 
@@ -99,8 +101,8 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
 
 
 def identified(found: Quantities, inverse: Inverse, usual: Mapping[str, float]) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine it fully, and better than ``usual``
-    for a machine of its class.
+    """Return for every quantity whether the readings determine it fully, and with an uncertainty
+    below the ``usual`` size for a machine of its class.
 
     ``usual`` holds usual sizes by name, in the units of the quantities; a name without a size needs
     only to be determined. A positioning function with its slope is identified if its shape and its
@@ -127,7 +129,7 @@ def variance(found: Quantities, inverse: Inverse) -> Vector:
     """Return the variance of every combination, shape (q,), meaningful for identified ones.
 
     All but the first unknown of a combination are end nodes: few columns of the covariance suffice,
-    however long the functions.
+    whatever the length of the functions.
     """
     column, value = found.combination.column, found.combination.value
     ends, place = np.unique(column[:, 1:], return_inverse=True)

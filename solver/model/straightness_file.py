@@ -1,5 +1,5 @@
-"""The straightness file: what a 4-DOF head or a straightedge measured, for a survey whose diagonals
-were taken with other software.
+"""The straightness file: straightness measured by a 4-DOF head or a straightedge, for a survey
+whose diagonals were recorded with other software.
 
 ``position_mm``, optionally ``approach``, and for each function ``EYX_um`` and ``u_EYX_um``. An
 empty field is no value. ``approach`` is 1 where the axis travelled in +, -1 where in -, 0 or empty
@@ -19,7 +19,7 @@ from stepdiag.solver.model.lateral import MeasuredStraightness
 
 STRAIGHTNESS = tuple(name for name in DISPLACEMENTS if name[1] != name[2])
 LEAST_POSITIONS = 3
-"""Two positions make a straight line of any guideway."""
+"""With two positions any guideway would be a straight line."""
 
 
 def parse_straightness(
@@ -27,8 +27,8 @@ def parse_straightness(
 ) -> tuple[MeasuredStraightness, ...]:
     """Return an entry per function and direction of a straightness file.
 
-    Raises ``DataError`` naming line or column for anything else: an unknown column, a value without
-    its uncertainty, a position twice.
+    Raises ``DataError``, with line or column, for any other content: an unknown column, a value
+    without its uncertainty, a repeated position.
     """
     table = read_table(text, source, ("position_mm",))
     names = _functions(list(table[0][1]), source)

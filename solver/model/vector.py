@@ -40,7 +40,7 @@ class DiagonalData:
 
     ``by_position_um`` (diagonal, axis, n+1): deviation of the moves of an axis, cumulated by
     position. ``end_um`` (diagonal,): deviation from start to end in the direction of travel.
-    ``passes`` (diagonal,): how many passes were averaged.
+    ``passes`` (diagonal,): the number of averaged passes.
     """
 
     volume: Volume
@@ -143,8 +143,9 @@ def wang2000(data: DiagonalData) -> VectorSolution:
 
 
 def least_squares(data: DiagonalData) -> VectorSolution:
-    """Return the least squares of all four equations with end-point lines removed, and the 4-term
-    squareness (theory E5, E14)."""
+    """Return the least-squares solution of all four equations, with end-point lines removed, and
+    the 4-term squareness (theory E5, E14).
+    """
     size, diagonal = _sizes(data.volume)
     error = (
         np.einsum("dc,dan->can", SIGNS, data.by_position_um) * diagonal / (4 * size[:, None, None])

@@ -1,4 +1,4 @@
-"""The machine's temperature from stop to stop: its growth during a survey is taken off before the
+"""The machine's temperature from stop to stop: its growth during a survey is subtracted before the
 adjustment.
 
 Each reading is brought to the mean temperature of the survey, with the assumed expansion
@@ -23,12 +23,12 @@ WORTH_SAYING_C = 0.1
 
 
 def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
-    """Return how much warmer the machine was in each reading's pass than on the mean of the survey,
-    shape (m,).
+    """Return the difference between the machine's temperature in each reading's pass and the mean
+    of the survey, shape (m,).
 
-    The mean of a pass counts: a thermometer's resolution must not become noise of the stops. Zero
-    everywhere where a reading has no temperature, where all have the same, and where the readings
-    were reduced to 20 C before.
+    The mean of a pass is used: the resolution of a thermometer must not become noise of the stops.
+    Zero everywhere if a reading has no temperature, if all have the same, or if the readings were
+    already reduced to 20 C.
     """
     known = layout.temperature_c
     if (

@@ -10,19 +10,19 @@ from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS
 from stepdiag.solver.planning.information import Aim, Zone
 
 USUAL_DWELL_S = 2.0
-"""A reading that states no noise of its own is assumed to be the mean over so many seconds."""
+"""Averaging time in s assumed for a reading that states no noise of its own."""
 
 PITCH_AND_YAW = tuple(name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """``head``: there is an instrument of angles; ``head_turns``: the functions that its runs
-    measure, pitch and yaw of a 4-DOF head, and ``head_u_urad`` how well. ``shift_mm``: how far a
-    beam or a mirror can be shifted beside its usual line. ``aim``: what the control that is to be
-    corrected holds; ``zone``: where in the volume it has to be right. ``in_step``: increments that
-    meet a wave of the screws always in the same place. ``dwells_s``: how long the machine may stand
-    at each stop beside what is planned.
+    """``head``: an instrument of angles is available; ``head_turns``: the functions that its runs
+    measure, pitch and yaw of a 4-DOF head, and ``head_u_urad`` their uncertainty. ``shift_mm``: how
+    far a beam or a mirror can be shifted beside its usual line. ``aim``: the errors that the
+    control's tables can correct; ``zone``: the part of the volume that must be accurate.
+    ``in_step``: numbers of increments whose targets meet a wave of the screws always at the same
+    phase. ``dwells_s``: further possible dwells at each stop, besides the planned one.
     """
 
     chain: str = "FXYZ"

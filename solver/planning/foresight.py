@@ -1,5 +1,6 @@
-"""The uncertainty that a survey will have, from where its stops are: the model of the adjustment
-without a reading."""
+"""The forecast uncertainty of a survey, from the places of its stops: the model of the adjustment
+without readings.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,9 +43,9 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""Residue of functions of five half waves that fall with their number between the smooth curve
-through n + 1 targets and the straight lines of tables, over shape / n^2 (root mean square over the
-travel; measured on drawn functions).
+"""Root mean square (over the travel) of the residue between the smooth curve through n + 1 targets
+and the straight lines of tables, divided by shape / n^2; measured on drawn functions of five half
+waves that decrease with their number.
 """
 _OF_FEW = {
     1: (0.93, 0.0),
@@ -54,21 +55,22 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Both over shape for few increments: there the powers give up to twice the residue of drawn
-functions over the volume.
+"""Largest ratio of both residues to the shape, for few increments: there the power laws give up to
+twice the residue of drawn functions over the volume.
 """
 ALIKE = 0.2
-"""Standard deviation of the logarithm of what nine drawn functions of one shape leave together
-between their targets."""
+"""Standard deviation of the logarithm of the joint residue of nine drawn functions of one shape
+between their targets.
+"""
 _NEXT_TO_NONE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
     """Forecast of a survey's statements, from the information of its setups
-    (`solver.planning.information`); each figure on its first request.
+    (`solver.planning.information`); each figure is computed on its first request.
 
-    ``increments`` is the fineness of the survey: the layout may be a coarser version of the same
+    ``increments`` is the number in the survey: the layout may be a coarser version of the same
     runs.
     """
 
@@ -122,20 +124,23 @@ class Foresight:
 
     @cached_property
     def full(self) -> tuple[float, float]:
-        """Return root mean square over the volume and degrees of freedom with everything as
-        usual."""
+        """Return root mean square over the volume and degrees of freedom with all errors at their
+        usual size.
+        """
         return self.of.over(self.information, self.of.precision(self.usual_u))
 
     @cached_property
     def usual_u(self) -> Vector:
-        """Return the usual sizes of what will not be identified; the adjustment holds nothing that
-        is identified to a size."""
+        """Return the usual sizes of the unidentified errors; the adjustment limits no identified
+        error to a size.
+        """
         return np.where(self.missed[0], self.of.usual_u, np.inf)
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return which of the usual rows stand for what will not be identified, and the root mean
-        square of that over the volume."""
+        """Return the usual rows of the unidentified errors, and the root mean square of these
+        errors over the volume.
+        """
         missing = np.array(
             [not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_
         )
@@ -153,8 +158,9 @@ class Foresight:
 
     @cached_property
     def left_um(self) -> Interval:
-        """Return what an ideal compensation will be predicted to leave, at k = 2, as
-        `solver.result.prediction` does after the survey."""
+        """Return the predicted remaining error after an ideal compensation, at k = 2, as
+        `solver.result.prediction` computes it after the survey.
+        """
         u, of = self.usual_u, self.of
         both, freedom = self.full
         quiet = of.over(self.information, of.precision(u, _NEXT_TO_NONE))[0]
@@ -199,16 +205,18 @@ class Foresight:
 
     @cached_property
     def unseen(self) -> UnseenSlip | None:
-        """Return the slip of the laser's count on a diagonal that does most harm unseen
-        (`slips_report`), None without a diagonal: only shown surveys need it."""
+        """Return the most harmful unnoticed slip of the laser's count on a diagonal
+        (`slips_report`), None without a diagonal; computed only for surveys that are shown.
+        """
         if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
             return None
         found = slips_report(self._mixed[0], self.layout, self._mixed[1], ["diagonals"])
         return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return in words the size of a slip that may hide in a diagonal, and the error of the
-        volume that it causes; empty without a diagonal."""
+        """Return in words the size of a slip that may stay unnoticed in a diagonal, and its effect
+        on the volume; empty without a diagonal.
+        """
         if self.unseen is None:
             return ""
         half_um, volume_um = self.unseen.half_um, self.unseen.volume_um
@@ -218,16 +226,18 @@ class Foresight:
 
 
 def bent_um(assumed: Assumptions, increments: int) -> float:
-    """Return what functions do between targets beside the straight lines of tables, root mean
-    square over the volume."""
+    """Return the departure of functions between targets from the straight lines of tables, root
+    mean square over the volume.
+    """
     return (
         float(np.sqrt(9.0)) * assumed.shape_um * float(np.linalg.norm(_between_targets(increments)))
     )
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return what a function leaves beside the smooth curve through its targets, and that beside
-    straight lines, over its shape."""
+    """Return two residues of a function between its targets, each divided by its shape: from the
+    smooth curve through the targets, and from straight lines.
+    """
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
 
@@ -259,10 +269,10 @@ def _left_um(
     """Return median and 95 % of the remaining error, over the likely sizes of angles and hidden
     waves and over machines.
 
-    Root mean squares over the volume: the identified part, the missed part, the usual effect of
-    angles, the usual waves unseen at targets, and the residue of tables between targets; and the
-    degrees of freedom of all this. The residue of tables between the targets depends on the shapes
-    to be found: the shapes of a class of machine are alike within `ALIKE`.
+    Root mean squares over the volume of: the identified part, the missed part, the usual effect of
+    angles, the usual waves between targets, and the residue of tables between targets; and the
+    degrees of freedom of their sum. The residue of tables between the targets depends on the shapes
+    still to be measured: the shapes of a class of machine are alike within `ALIKE`.
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)

@@ -28,8 +28,9 @@ COARSE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """Runs that would identify what is missing, and the minutes they take with usual set-up
-    times."""
+    """Runs that would identify the missing quantities, and their minutes with usual set-up
+    times.
+    """
 
     runs: tuple[Run, ...]
     minutes: float
@@ -41,8 +42,8 @@ def cheapest_runs(
     """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None
     if no usual run helps.
 
-    Run after run, each the run that uncovers most per minute, or at least narrows most the unknowns
-    left.
+    Runs are added one by one: the run that identifies most per minute, or else the run that reduces
+    the remaining unknowns most.
     """
     survey = _coarse(layout)
     design = build_design(
@@ -67,7 +68,7 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
     """Return which angular functions the readings determine in shape without any assumption on
     their size (theory 5.2).
 
-    Setups with a beam line each cannot: nothing is computed for them.
+    Setups with a single beam line each cannot determine any: no computation is needed for them.
     """
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
@@ -83,7 +84,7 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
 class Seen(NamedTuple):
     """Quantities that a survey determines without any assumption on the size of the angles, and the
-    number of hidden combinations of all unknowns.
+    number of undetermined combinations of all unknowns.
     """
 
     known: dict[str, bool]
@@ -91,7 +92,7 @@ class Seen(NamedTuple):
 
 
 def identified_with_angles(layout: Layout, chain: str) -> Seen:
-    """Return what the stops of a survey determine where all 18 functions are unknown."""
+    """Return the quantities determined by the stops of a survey if all 18 functions are unknown."""
     design = build_design(layout, chain, Model(angles=True))
     inverse = _seen(design)
     found = quantities(design.columns, design.volume)
@@ -156,7 +157,9 @@ def _choose(
 
 
 def _hidden(missing: Quantities, null: Vector) -> int:
-    """Return how many independent combinations of the missing quantities the null space hides."""
+    """Return the number of independent combinations of the missing quantities within the null
+    space.
+    """
     if not null.shape[1]:
         return 0
     largest = max(float(np.max(np.abs(missing.combination.value))), 1.0)
@@ -165,7 +168,7 @@ def _hidden(missing: Quantities, null: Vector) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A run as rows on the machine's unknowns and on nuisances of its own."""
+    """A run as rows on the machine's unknowns and on its own further unknowns."""
 
     minutes: float
     machine: Vector
@@ -182,7 +185,7 @@ class _Candidate:
         return cls(run_minutes(plan, run), machine, rows[:, own.columns.machine :])
 
     def narrow(self, null: Vector) -> Vector:
-        """Return what of a null space this run does not see either."""
+        """Return the part of a null space that this run does not determine either."""
         seen = np.hstack([self.machine @ null, self.nuisance])
         scale = np.linalg.norm(seen, axis=0)
         scale = np.where(scale > NULL_TOLERANCE, scale, 1.0)

@@ -1,5 +1,5 @@
-"""Information of each setup of a survey on the machine, as a matrix that adds up: a plan is a sum
-of them.
+"""Information of each setup of a survey about the machine, as a matrix that adds up: a plan is a
+sum of them.
 
 A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`): ``m`` are
 the unknowns common to all setups (displacements at the nodes, amplitudes of the angular functions,
@@ -15,11 +15,10 @@ unknowns, Searle, Casella, McCulloch 1992, 7.4)
 No two setups share any of f, c, e, so that J adds over setups and is computed once for each. With
 the precision Q of the usual sizes of the machine's class the covariance of m is ``C = (J_1 + J_2 +
 .. + Q)^-1``: an inversion of some 190 unknowns, a millisecond, gives the survey's remaining
-uncertainty. Q holds every function to nothing within its usual size, so a further setup never makes
-C larger.
+uncertainty. Q limits every function to its usual size, so a further setup never makes C larger.
 
-The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square ``tr(C H) +
-floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
+The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square is ``tr(C H)
++ floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
 axis: with the projection T of a field on the space of tables, ``H = K F T F' K'``, and the floor is
 the remaining effect of the usual angular functions for any drive. A lattice has no floor.
 """
@@ -63,18 +62,20 @@ from stepdiag.solver.uncertainty.machine import (
 Aim = Literal["lattice", "tables"]
 Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
-"""The effects that all setups share beside the angles, and how many causes they have where nothing
-shows them."""
+"""The effects, other than the angles, that all setups share, and the number of their causes where
+no setup shows them.
+"""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
-"""Precision of unknowns of any size: it makes a matrix regular without information; and sizes of
-displacements without information: for larger sizes rounding is 1e-8.
+"""Precision of unknowns of any size, which makes a matrix without information regular; and the size
+of displacements without information: for larger sizes rounding is 1e-8.
 """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SetupInformation:
-    """The information of the setups of a layout in its order, shape (setups, q, q), and what its
-    unknowns mean."""
+    """The information of the setups of a layout in its order, shape (setups, q, q), and the meaning
+    of its unknowns.
+    """
 
     each: Vector
     design: Design
@@ -83,8 +84,9 @@ class SetupInformation:
 
 
 def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
-    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is
-    none."""
+    """Return the information of each setup of a layout. Raises ``UsageError`` for an invalid
+    chain.
+    """
     design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
     effects = (
@@ -105,7 +107,9 @@ def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> Se
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
-    """Return the patterns of what all setups share, shape (m, causes): the angles first."""
+    """Return the patterns of the effects common to all setups, shape (m, causes): the angles
+    first.
+    """
     patterns = {effect.name: effect.pattern_um for effect in effects}
     turning = [patterns[name] for name in TURNING if name in patterns]
     return np.hstack(
@@ -151,10 +155,11 @@ class Machinery:
     """The machine behind the unknowns of a survey: its values ``K m``, the error over the volume,
     and the usual sizes.
 
-    ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) F, projected on what
-    the aim's tables hold; ``floor_um`` what these cannot. ``usual`` (r, q) are combinations of zero
-    within ``usual_u`` (r,) by ``usual_names``; ``causes`` (q,) the precision of the unknowns with a
-    size of their own, 0 for displacements; ``turning`` (q,) marks the angles among them.
+    ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) is F, projected on the
+    errors that the aim's tables can correct; ``floor_um`` is the rest. ``usual`` (r, q) are
+    combinations expected to be zero within ``usual_u`` (r,), by ``usual_names``; ``causes`` (q,) is
+    the precision of the unknowns with a size of their own, 0 for displacements; ``turning`` (q,)
+    marks the angles among them.
     """
 
     machine: Machine
@@ -168,7 +173,9 @@ class Machinery:
     turning: NDArray[np.bool_]
 
     def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
-        """Return Q for other usual sizes and angles larger by a factor, shape (q, q)."""
+        """Return the matrix Q of usual sizes for other sizes, with the angles multiplied by a
+        factor, shape (q, q).
+        """
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
         # no reading shows the rotation of the machine as a whole and no figure counts it: it may
         # have any size
@@ -188,8 +195,9 @@ class Machinery:
         return matrix
 
     def over(self, information: Vector, precision: Vector) -> tuple[float, float]:
-        """Return root mean square over the volume of what is not known, in um, and its degrees of
-        freedom."""
+        """Return the root mean square of the unknown error over the volume, in um, and its degrees
+        of freedom.
+        """
         covariance = self.values @ inverse(information + precision) @ self.values.T
         return over_volume(0.5 * (covariance + covariance.T), self.fields)
 
@@ -202,8 +210,9 @@ def inverse(matrix: Vector) -> Vector:
 
 
 def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
-    """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts,
-    all of it without one."""
+    """Return the machine behind the unknowns; ``zone`` is the part of the volume that matters, all
+    of it if None.
+    """
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
     displacements = design.columns.machine
@@ -243,7 +252,7 @@ def _fields(
     zone: Zone | None,
 ) -> tuple[Vector, Vector]:
     """Return the effect of a unit of each value on the error at the points, rigid motion removed,
-    as far as the aim corrects it, and its rest, shapes (k, 3 points).
+    for the part that the aim corrects and for its rest, shapes (k, 3 points).
     """
     points = anywhere_mm(volume)
     machine = Machine(
@@ -271,10 +280,11 @@ def _fields(
 def determined(
     found: SetupInformation, information: Vector, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return by name whether a survey determines a quantity, and better than it is ``usual``, were
-    the angles known.
+    """Return by name whether a survey with known angles would determine a quantity, and with an
+    uncertainty below its ``usual`` size.
 
-    In um, urad, um/m. If displacements may have any size, an unseen part is uncertain by this size.
+    In um, urad, um/m. If displacements may have any size, an undetermined part has this
+    uncertainty.
     """
     names, displacements = reported(found.design), found.design.columns.machine
     own = information[:displacements, :displacements] + np.eye(displacements) / _ANYTHING_UM**2

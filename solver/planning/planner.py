@@ -1,10 +1,10 @@
-"""The forecast of a survey, and its cost, before the machine moves; and the surveys that are worth
-their time.
+"""The forecast of a survey, and its cost, before the drive; and the surveys that are worth their
+time.
 
 A forecast needs no reading: the model of the adjustment follows from the places of the stops, and
 its uncertainty over the volume equals the figure in the result of the survey. Unidentified
-quantities count with the usual sizes of the machine's class (`Assumptions`), so that a run that
-identifies them is worth its time, and no run ever makes a forecast worse.
+quantities have the usual sizes of the machine's class (`Assumptions`), so that a run that
+identifies them has a gain, and no run makes a forecast worse.
 """
 
 from collections.abc import Sequence
@@ -24,17 +24,17 @@ from stepdiag.solver.planning.identifiability import Seen, identified_with_angle
 from stepdiag.solver.planning.search import Search
 
 WORTH = 0.95
-"""Largest share of a shorter survey's remaining error that makes a longer survey worth its name."""
+"""Largest ratio of remaining errors at which a longer survey is listed beside a shorter one."""
 MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
-"""Times for which surveys are sought: each longer than the last by this factor."""
+"""Ratio of the times for which surveys are sought, one to the next."""
 MAX_INCREMENTS = 20
-"""Finer surveys are forecast on this many increments: angular functions have no more waves then
-(`effects.MOST_WAVES`), and the uncertainty at a node hardly depends on how many others there
-are."""
+"""Finer surveys are forecast with this number of increments: angular functions then have no more
+waves (`effects.MOST_WAVES`), and the uncertainty at a node hardly depends on the number of others.
+"""
 HALVINGS = 2
-"""Halvings of the time between a survey that reaches the target and a shorter survey that does
-not.
+"""Number of halvings of the time between a survey that reaches the target and a shorter one that
+does not.
 """
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
@@ -45,10 +45,10 @@ class Forecast:
 
     ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None
     where not identified (units: um, urad, um/m). ``angles`` states whether the readings resolve all
-    angular functions or the assumed size stands for them. ``volumetric_um``: root mean square over
-    the volume of the error vector's uncertainty (k = 1), rigid motion removed; ``left_um``: the
+    angular functions, or the assumed size is used. ``volumetric_um``: root mean square over the
+    volume of the error vector's uncertainty (k = 1), rigid motion removed; ``left_um``: the
     remaining error after an ideal compensation (rms, k = 2), predicted by result and ``verify``
-    after the survey. ``hidden``: independent combinations of the unknowns without any reading when
+    after the survey. ``hidden``: independent combinations of the unknowns without any reading, if
     the angular functions are unknowns too.
     """
 
@@ -59,7 +59,7 @@ class Forecast:
 
     @property
     def minutes(self) -> float:
-        """Return how long the survey takes."""
+        """Return the duration of the survey."""
         return plan_minutes(self.plan)
 
     @cached_property
@@ -80,7 +80,7 @@ class Forecast:
 
     @property
     def hidden(self) -> int:
-        """Return how many combinations of the unknowns no reading shows."""
+        """Return the number of combinations of the unknowns that no reading shows."""
         return self._free.hidden
 
     @property
@@ -105,7 +105,7 @@ class Forecast:
 
     @property
     def left_um(self) -> Interval:
-        """Return what compensation will leave."""
+        """Return the remaining error after compensation."""
         return self.ahead.left_um
 
     @property
@@ -121,7 +121,7 @@ class Advice:
 
     ``best``: the survey for the requested time or target uncertainty, None without a request or a
     fit. ``with_head``: the requested survey (without a request the planned survey), with a run of a
-    4-DOF head along each axis; None if the head brings nothing or is already there.
+    4-DOF head along each axis; None if the head has no gain or is already planned.
     """
 
     forecast: Forecast
@@ -181,8 +181,9 @@ def _found(
     limits_min: Sequence[float],
     target_um: float | None = None,
 ) -> list[Forecast]:
-    """Return the best surveys within some times, until the last two are not worth theirs or one
-    reaches a target; the last time is always tried where there is none."""
+    """Return the best surveys within some times, until the last two are not worth their time or one
+    reaches a target; the last time is always tried where there is no target.
+    """
     found: list[Forecast] = []
     for limit in limits_min:
         if target_um is not None and found and found[-1].left_um.value_um <= target_um:
@@ -208,7 +209,7 @@ def _worth(found: list[Forecast]) -> tuple[Forecast, ...]:
 def _down_to(
     search: Search, about: Circumstances, found: list[Forecast], target_um: float
 ) -> Forecast | None:
-    """Return the shortest survey found that leaves no more than a target."""
+    """Return the shortest survey found whose remaining error is within a target."""
     reaching = [one for one in found if one.left_um.value_um <= target_um]
     if not reaching:
         return None
@@ -225,8 +226,9 @@ def _down_to(
 
 
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
-    """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the
-    laser."""
+    """Return the forecast of the survey. Raises ``UsageError`` for a plan without a run of the
+    laser.
+    """
     coarse = replace(
         survey,
         volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)),

@@ -1,17 +1,17 @@
 """The best surveys for any time, by exchange: a line more, a line less, a line in place of another
 (Fedorov 1972, Cook and Nachtsheim 1980).
 
-The information of lines adds up (`solver.planning.information`), so that the search is in the
-choice of lines alone. If C is the covariance of the unknowns without a line of information ``B
-B'``, the line lowers the mean square ``tr(C H)`` over the volume by
+The information of lines adds up (`solver.planning.information`), so only the choice of lines has to
+be searched. If C is the covariance of the unknowns without a line of information ``B B'``, the line
+lowers the mean square ``tr(C H)`` over the volume by
 
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
-which is computed for all offered lines at once. Minutes are those of the user: the first line of a
-setup costs its setting up, a further line of the same travel the shift. Number of passes, orders of
-axes, fineness and dwell of all lines are chosen for the lines found, and the exchange goes on from
-there. Lines are weighed on few increments (`COARSE`): their ranking does not depend on the
-fineness.
+which is computed for all possible lines at once. Minutes come from the user: the first line of a
+setup costs its setting up, a further line of the same travel the shift. The search chooses the
+number of passes, the orders of axes, the number of increments and the dwell of all lines for the
+lines found, and then continues the exchange. Lines are compared with few increments (`COARSE`):
+their order does not depend on the number of increments.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -33,28 +33,34 @@ from stepdiag.solver.planning.information import inverse
 
 COARSE, MIDDLE = 6, 10
 INCREMENTS = range(8, 21)
-"""Numbers of increments on offer; fewer leave too much between the targets, more gain nothing."""
+"""Possible numbers of increments; fewer leave too large an error between the targets, more gain
+nothing.
+"""
 ORDERS = ("xyz", "yzx", "zxy")
-"""Of setups and repeats in turn: to alternate costs nothing and shows more of the angles (theory
-5.2)."""
+"""Orders of axes of setups and repeats in turn: alternating costs nothing and shows more of the
+angles (theory 5.2).
+"""
 LEAST_MISSED = 6
 """Number of the least valuable lines tried for removal in each exchange."""
 LEAST_GAIN = 3e-3
-"""Of the figure: an exchange that gains less is none."""
+"""Smallest gain of an exchange, as a share of the figure."""
 TOGETHER = 8
-"""Lines laid out at once: each has causes of its own, so that the patterns of all together are
-mostly zeros."""
+"""Number of lines laid out at once: each has causes of its own, so that the patterns of all
+together are mostly zeros.
+"""
 KEPT = 2
-"""Choices whose covariance is kept: the next exchange begins with one of them."""
+"""Number of choices whose covariance is kept: the next exchange begins with one of them."""
 _NOTHING = 1e-10
 """Share of the largest part of the mean square below which a part is rounding."""
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which a line adds next to nothing to the usual sizes: 30 um."""
+"""Precision (1 / um^2) below which a line adds nearly no information to the usual sizes: it
+corresponds to 30 um.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ways:
-    """Drive of all lines of a survey."""
+    """The way of driving all lines of a survey."""
 
     repeats: int
     return_pass: bool
@@ -68,7 +74,7 @@ class Ways:
         return self.repeats * (1 + self.return_pass)
 
     def of(self, run: Run) -> Run:
-        """Return a run driven so."""
+        """Return a run driven in this way."""
         orders = self.axis_orders if setup_of(run.setup).kind in ("step", "face") else ()
         return replace(
             run,
@@ -80,8 +86,8 @@ class Ways:
 
 
 def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
-    """Return the offered ways: once, in a single direction and with the planned dwell comes
-    first.
+    """Return the possible ways of driving, first the simplest: once, in a single direction and with
+    the planned dwell.
     """
     return [
         Ways(
@@ -181,9 +187,10 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 
 @dataclass(frozen=True, slots=True)
 class _Through:
-    """The lines as a choice of lines leaves them to be seen: with its covariance C and the factors
-    B of each line ``inner`` B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..), and the
-    mean square over the volume that it leaves."""
+    """The lines relative to a choice of lines, with its covariance C and the factors B of each
+    line: ``inner`` B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..), and the remaining
+    mean square over the volume.
+    """
 
     square_um2: float
     inner: Vector
@@ -191,7 +198,9 @@ class _Through:
     across: Vector
 
     def without(self, line: int, factors: Vector) -> "_Through":
-        """Return the same without a line of the choice; ``across`` stays that of the choice."""
+        """Return the lines relative to the choice without one of its lines; ``across`` stays that
+        of the choice.
+        """
         count, rank, size = self.across.shape
         lost = np.linalg.inv(np.eye(rank) - self.inner[line])
         cross = (self.across.reshape(-1, size) @ factors[line].T).reshape(count, rank, rank)
@@ -205,8 +214,9 @@ class _Through:
         )
 
     def changed(self, sign: float) -> Vector:
-        """Return the mean square with each of the lines beside the choice (``sign`` +1), or without
-        it (-1), shape (lines,)."""
+        """Return the mean square with each of the lines added to the choice (``sign`` +1), or
+        removed from it (-1), shape (lines,).
+        """
         inner = np.eye(self.inner.shape[1]) + sign * self.inner
         outer = self.shown @ np.swapaxes(self.shown, 1, 2)
         gain = np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2)
@@ -215,9 +225,9 @@ class _Through:
 
 
 class Exchange:
-    """Information of the lines on offer, driven in one way, and the search among them.
+    """Information of the possible lines, driven in one way, and the search among them.
 
-    ``done`` are runs already driven, each in its own way; the last run still stands. Lines are
+    ``done`` are runs already driven, each in its own way; the last run is still set up. Lines are
     weighed on ``weighed_on`` increments.
     """
 
@@ -261,7 +271,7 @@ class Exchange:
         self._through = lru_cache(KEPT)(self._seen_through)
 
     def _laid_out(self, places: Sequence[int]) -> Foresight:
-        """Work out the information of some lines; return what a survey of them foresees."""
+        """Compute the information of some lines; return the foresight of a survey of them."""
         layout = lay_out(
             perfect_readings(
                 Plan(volume=self._coarse, runs=tuple(self._driven[place] for place in places)),
@@ -284,8 +294,9 @@ class Exchange:
         return ahead
 
     def _each(self, places: Iterable[int]) -> Vector:
-        """Return the information of some lines, shape (places, q, q). A way of driving that is
-        weighed on a few lines alone is worked out for these alone."""
+        """Return the information of some lines, shape (places, q, q). The information for a way of
+        driving that is compared on a few lines is computed for these only.
+        """
         wanted = list(places)
         missing = [place for place in wanted if place not in self._information]
         for first in range(0, len(missing), TOGETHER):
@@ -323,7 +334,9 @@ class Exchange:
 
     @cached_property
     def _shows(self) -> Vector:
-        """Return h, shape (q, k): the unknowns as far as the volume's error shows them."""
+        """Return h, shape (q, k): the part of the unknowns that affects the error over the
+        volume.
+        """
         value, vector = np.linalg.eigh(self._seen)
         kept = value > _NOTHING * value[-1]
         shown: Vector = vector[:, kept] * np.sqrt(value[kept])
@@ -343,7 +356,7 @@ class Exchange:
     def _fitting(
         self, chosen: Sequence[int], increments: int, limit_min: float
     ) -> NDArray[np.int64]:
-        """Return the further lines that fit into a time beside some."""
+        """Return the further lines that fit into a time in addition to some lines."""
         some = list(chosen)
         setting = np.where(
             np.isin(self._base, self._base[some]),
@@ -358,17 +371,19 @@ class Exchange:
         return inverse(self._usual + np.sum(self._each(sorted(chosen)), axis=0))
 
     def square_um2(self, chosen: Sequence[int]) -> float:
-        """Return the mean square of the error over the volume after the chosen lines, without
-        the share that no line lowers."""
+        """Return the mean square of the error over the volume after the chosen lines, without the
+        part that no line can lower.
+        """
         some = frozenset(chosen)
         if some not in self._square_um2:
             self._square_um2[some] = float(np.sum(self._covariance(some) * self._seen))
         return self._square_um2[some]
 
     def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
-        """Return by how much lines lower the mean square of the error of one machine, mean and
-        standard deviation: the error without them is that with them and what they add to the
-        knowledge, which are independent."""
+        """Return the decrease of the mean square error of one machine by lines, mean and standard
+        deviation: the error without them is the sum of the error with them and of the knowledge
+        that they add, which are independent.
+        """
         with_them = self._covariance(frozenset(chosen)) @ self._seen
         added = self._covariance(frozenset()) @ self._seen - with_them
         variance = 2.0 * np.sum(added * added.T) + 4.0 * np.sum(with_them * added.T)
@@ -386,7 +401,7 @@ class Exchange:
         )
 
     def weighed(self, chosen: Sequence[int], without: Sequence[int] = ()) -> Vector:
-        """Return the mean square with each of all lines beside the chosen lines, or beside these
+        """Return the mean square with each of all lines added to the chosen lines, or to these
         without one, shape (lines,).
 
         The searches of all times meet the same choices: each is computed once.
@@ -404,7 +419,9 @@ class Exchange:
         return self._through(frozenset(chosen)).changed(-1.0)[list(chosen)]
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
-        """Return the lines after exchanges, within a time; each exchange has the largest gain."""
+        """Return the chosen lines after repeated exchanges that keep within a time, each the
+        exchange with the largest gain.
+        """
         now, beside = list(chosen), self.beside_um2(increments)
         square = self.square_um2(now)
         while True:
@@ -432,8 +449,9 @@ class Exchange:
 
     @cached_property
     def _starts(self) -> tuple[tuple[float, tuple[int, ...]], ...]:
-        """Return every choice of the lines without a shift along diagonals of the body and first
-        edges, with what it leaves, the best first."""
+        """Return every choice among the lines without a shift, along body diagonals and first
+        edges, with its remaining error, the best first.
+        """
         plain = [
             place
             for place, run in enumerate(self.lines)
@@ -446,7 +464,7 @@ class Exchange:
         return tuple(sorted((self.square_um2(choice), choice) for choice in choices))
 
     def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
-        """Return the best choice of lines without a shift within a time; none where none fits."""
+        """Return the best choice of lines without a shift within a time; empty if none fits."""
         return next(
             (choice for _, choice in self._starts if self.minutes(choice, increments) <= limit_min),
             (),
@@ -455,8 +473,8 @@ class Exchange:
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
     """Return the possible numbers of increments: with steps of whole micrometres, as in programs,
-    in step with no screw unless its runs have targets of their own. If no number fulfils both, the
-    numbers of the first; else the plan's.
+    and not in phase with a screw unless its runs have their own targets. If no number fulfils both
+    conditions, return the numbers that fulfil the first; if none does, the plan's number.
     """
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
@@ -514,8 +532,9 @@ class Search:
     def _from(
         self, start: Sequence[int], ways: Ways, increments: int, limit_min: float
     ) -> Iterator[tuple[float, list[int], Ways, int]]:
-        """Yield what exchange makes of lines, the best way to drive these, and what exchange makes
-        of them so."""
+        """Yield the lines after exchanges, the best way to drive them, and the lines after
+        exchanges in this way.
+        """
         chosen = self.driven(ways).improved(start, increments, limit_min)
         for _ in range(2):
             others = [

@@ -2,8 +2,8 @@
 
 The driven setups show the sizes of the angles and the scatter of machine and laser
 (`solver.adjustment`: restricted maximum likelihood); with these sizes, driven and possible setups
-are weighed like a plan (`solver.planning.search`). Of the best further lines within several times,
-the lines with the largest gain a minute count. The survey is at its end if no lines within
+are compared as in a plan (`solver.planning.search`). Of the best further lines within several
+times, those with the largest gain a minute are used. The survey is complete if no lines within
 `HORIZON_MIN` minutes, nor the lines still planned, lower the remaining error by `LEAST_UM` and by
 the share of `plan` (`WORTH`).
 """
@@ -28,10 +28,11 @@ from stepdiag.solver.planning.search import INCREMENTS, Exchange, Ways, offered
 HORIZON_MIN = 60.0
 """A further alignment takes half of this time."""
 TIMES = (0.15, 0.3, 0.6, 1.0)
-"""Of the horizon: times within which further lines are sought."""
+"""Shares of the horizon: times within which further lines are sought."""
 SHOWN = 3.0
-"""Readings that leave two thirds of the likely sizes within this factor show the size; silent ones
-leave a factor of 15."""
+"""Readings show the size if two thirds of the likely sizes are within this factor; readings without
+information leave a factor of 15.
+"""
 LEAST_UM, LEAST_SHARE = 0.1, 0.05
 """A gain below either is not worth driving for."""
 
@@ -39,12 +40,12 @@ LEAST_UM, LEAST_SHARE = 0.1, 0.05
 @dataclass(frozen=True, kw_only=True)
 class Sequel:
     """``runs`` are the setups with the largest gain, the next first; at the ``end`` of a survey
-    they are not worth their time.
+    their gain is not worth their time.
 
     ``now_um`` is the remaining error after compensation of the driven part (rms over the volume),
-    ``then_um`` after these runs, ``minutes`` their time with setting up; ``at_most_um``: they gain
-    no more than this (k = 2). ``angles_urad`` is the range of the angles by the readings, None if
-    these do not show it yet.
+    ``then_um`` after these runs, ``minutes`` their time with setting up; ``at_most_um``: the
+    largest possible gain (k = 2). ``angles_urad`` is the range of the angles by the readings, None
+    if these do not show it yet.
     """
 
     runs: tuple[Run, ...]
@@ -59,8 +60,9 @@ class Sequel:
 def sequel(
     survey: Plan, about: Circumstances, done: Sequence[str], readings: Readings | None = None
 ) -> Sequel:
-    """Return the runs to drive after the setups ``done`` of a survey, the last of which still
-    stands; ``readings`` are theirs."""
+    """Return the runs to drive after the setups ``done`` of a survey, the last of which is still
+    set up, from their ``readings``.
+    """
     shown, angles_urad = shown_by(readings, survey, about)
     driven = [survey.run_of(name) for name in done]
     todo = [run for run in survey.runs if run.setup not in done]
@@ -101,8 +103,8 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 
 
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
-    """Return the lines with the largest gain a minute (the first ``planned`` are of the plan); if
-    none is worth it, these or the best.
+    """Return the lines with the largest gain a minute (the first ``planned`` lines are those of the
+    plan); if none is worth its time, return the planned lines, or the best line.
     """
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
@@ -132,7 +134,7 @@ def _line(run: Run) -> Run:
 
 
 def _ways(survey: Plan) -> Ways:
-    """Return how the plan drives its setups: all alike."""
+    """Return the plan's way of driving its setups, common to all."""
     runs = survey.runs
     orders, alternate = next(
         ((run.axis_orders, run.alternate) for run in runs if run.axis_orders), ((), False)
@@ -149,8 +151,9 @@ def _ways(survey: Plan) -> Ways:
 def _named(
     survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways
 ) -> tuple[Run, ...]:
-    """Return lines as runs of the plan: what stands first, what is planned next; those beside the
-    usual line by the next free number."""
+    """Return lines as runs of the plan: the setup in place first, then the planned ones; lines
+    beside the usual line get the next free number.
+    """
     taken, runs = {run.setup for run in survey.runs}, list[Run]()
     for line in lines:
         planned = next((run for run in todo if _line(run) == line), None)
@@ -198,8 +201,9 @@ def shown_by(
 
 
 def _factor(found: Adjustment) -> tuple[float, bool]:
-    """Return by how much the angles are larger than assumed, the likeliest factor, and whether the
-    readings show it."""
+    """Return the ratio of the angles to the assumed size, the most likely factor, and whether the
+    readings show it.
+    """
     names = [effect.name for effect in found.effects]
     if ANGLES not in names or not found.sizes.sought[names.index(ANGLES)]:
         return 1.0, False

@@ -55,7 +55,7 @@ class PositioningRuns:
     down_um: Vector | None = None
 
     def __post_init__(self) -> None:
-        """Refuse tables that are not complete."""
+        """Refuse incomplete tables."""
         for name, table in (("up_um", self.up_um), ("down_um", self.down_um)):
             if table is not None and (
                 table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1
@@ -75,8 +75,9 @@ class PositioningRuns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningFigures:
-    """The figures of one axis or diagonal in um, in the symbols of ISO 230-2; ``None`` where the
-    runs do not give them."""
+    """The figures of one axis or diagonal in um, in the symbols of ISO 230-2; ``None`` for figures
+    that the runs do not give.
+    """
 
     standard: str
     source_status: str
@@ -99,7 +100,7 @@ class PositioningFigures:
     findings: tuple[Finding, ...] = ()
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures that the runs give, by their symbols."""
+        """Return the figures of the runs, by their symbols."""
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in named.items() if isinstance(value, float)}
 
@@ -185,8 +186,9 @@ class VdiFigures:
 
 
 def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
-    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Refused without both directions and two
-    runs of each."""
+    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Raises DataError without both directions
+    and two runs of each.
+    """
     s_up, s_down = _scatter(runs.up_um), _scatter(runs.down_um)
     if runs.down_um is None or s_up is None or s_down is None:
         raise DataError(
@@ -210,11 +212,11 @@ def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
 def arrange_runs(
     target_mm: ArrayLike, pass_number: ArrayLike, deviation_um: ArrayLike, *, common_zero: bool
 ) -> tuple[PositioningRuns, tuple[Finding, ...]]:
-    """Return the rows of a run as a table of targets by runs, and what had to be left out.
+    """Return the rows of a run as a table of targets by runs, and the reasons for rows left out.
 
     Odd passes are outward (up), even ones return (down). Readings that restart at zero with every
-    pass (``common_zero=False``, as in the readings file) have lost the reversal value: only the
-    outward runs are kept then.
+    pass (``common_zero=False``, as in the readings file) have lost the reversal value: then only
+    the outward runs are used.
     """
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
@@ -263,8 +265,9 @@ def _bidirectional_repeatability(
 
 
 def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> float | None:
-    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over the
-    directions given."""
+    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over the given
+    directions.
+    """
     tops, bottoms = [], []
     for mean, s in directions:
         if mean is None or s is None:
@@ -275,8 +278,9 @@ def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> flo
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest, or None where a diagonal lacks the figure: a maximum over some is not the
-    machine's."""
+    """Return the largest, or None where a diagonal lacks the figure: a maximum over some diagonals
+    is not the machine's.
+    """
     known = [value for value in values if value is not None]
     return max(known) if known and len(known) == len(values) else None
 

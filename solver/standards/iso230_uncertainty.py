@@ -2,9 +2,9 @@
 
 The report is not public: the effect of each source on each figure is derived here (theory.md 8.7),
 and every result states this. Errors that grow with length (laser, alignment, temperature) stretch
-all runs alike: they are in E, M and A and cancel in B and R. Errors that change from run to run
-(environment, noise of the reading) are averaged over the runs in E, M and B; R and A also carry the
-uncertainty of a scatter from few runs.
+all runs equally: E, M and A contain them, and they cancel in B and R. Errors that change from run
+to run (environment, noise of the reading) are averaged over the runs in E, M and B; R and A also
+carry the uncertainty of a scatter from few runs.
 """
 
 from collections.abc import Mapping
@@ -20,8 +20,8 @@ SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSources:
     """Standard uncertainties of one setup: ``relative`` of every length (wavelength, air,
-    expansion, cosine), ``reading_um`` of one reading, ``environment_um`` of what drifts within a
-    run."""
+    expansion, cosine), ``reading_um`` of one reading, ``environment_um`` of the drift within a run.
+    """
 
     relative: float
     reading_um: float

@@ -1,8 +1,8 @@
 """The whole machine as a vector with its covariance: functions with slopes, squarenesses, angles;
 and its modes.
 
-Errors that the readings do not identify count here with the usual size of the machine's class: the
-result leaves them out, but a statement about the volume must not assume zero.
+Errors that the readings do not identify have the usual size of the machine's class here: the result
+leaves them out, but a statement about the volume must not assume zero.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,16 +35,20 @@ from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_
 from stepdiag.solver.uncertainty.spread import Spread
 
 MOST_POSITIONS = 20
-"""Increments of the positions at which modes are written: finer surveys are not smoother."""
+"""Largest number of increments at which modes are written: functions of finer surveys are not
+smoother.
+"""
 MOST_MODES = 40
 NEXT_TO_NOTHING = 1e-6
-"""A usual size counts as so much of the largest at least: beside one of nothing all others would be
-taken for rounding (`HIDDEN`)."""
+"""Smallest usual size as a share of the largest: beside a size of zero, all others would count as
+rounding (`HIDDEN`).
+"""
 HIDDEN = 1e-9
 """Smallest share of the largest effect that counts as an effect on the usual sizes."""
 FINEST_UM = 0.01
-"""Readings count as uncertain by so much at least beside what is usual, thousands of times larger:
-no sum of both is exact else."""
+"""Smallest uncertainty of the readings beside the usual sizes, which are thousands of times larger:
+otherwise no sum of both is exact.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,7 +70,7 @@ def machine_of(
     causes: int,
     products: Mapping[int, float] | None = None,
 ) -> Machine:
-    """Return the machine's values at the nodes at which modes are written; unknown angles begin at
+    """Return the machine's values at the nodes of the modes; unknown angles begin at
     ``first_cause`` of all ``causes``.
 
     ``products``: by cause, the size of its unit, for `PRODUCTS` in their order.
@@ -137,7 +141,7 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
 def usual_names(
     found: Quantities, known: Mapping[str, bool], assumed: Assumptions
 ) -> tuple[str, ...]:
-    """Return the name behind each of the `usual_rows`."""
+    """Return the name of each of the `usual_rows`."""
     return tuple(
         name
         for name in usual_sizes_of(assumed)
@@ -149,8 +153,9 @@ def usual_names(
 def usual_rows(
     found: Quantities, known: Mapping[str, bool], assumed: Assumptions
 ) -> tuple[Rows, Vector]:
-    """Return rows that hold what is not ``known`` to nothing within what is usual, and their
-    standard uncertainties."""
+    """Return rows that hold errors that are not ``known`` near zero within their usual size, and
+    the standard uncertainties of the rows.
+    """
     usual = usual_sizes_of(assumed)
     kept = [row for name in usual if not known.get(name, True) for row in found.of(name)]
     some = found.select(np.array(kept, dtype=np.int64))
@@ -182,10 +187,10 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
 
 def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tuple[Machine, Vector]:
     """Return the machine's values as known from the readings, and the covariance (k, k) of the part
-    known from the usual ``rows`` alone.
+    known only from the usual ``rows``.
 
-    Parts that the readings do not see are taken at the most likely usual values, given the parts
-    seen. No difference of large numbers enters, as with covariances with and without the usual
+    Parts that the readings do not determine have the most likely usual values, given the determined
+    parts. No difference of large numbers is used, as with covariances with and without the usual
     rows, which each processor rounds differently.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
@@ -204,12 +209,12 @@ def posterior_of(
     of_unknown_size: str,
     unmeasured: Vector,
 ) -> Posterior:
-    """Return the possible differences of the machine from the report, in modes; ``offset`` (k,) is
-    the expected value beside the report.
+    """Return the possible differences between the machine and the report, in modes; ``offset`` (k,)
+    is their expected value.
 
-    The causes of the group ``of_unknown_size`` have modes of their own: their reach depends on a
-    size that is not known either. ``unmeasured`` is the covariance (k, k) of the unseen parts
-    (`separated`): the machine's distance from the usual is unknown.
+    The causes of the group ``of_unknown_size`` have modes of their own, because their size is
+    unknown too. ``unmeasured`` is the covariance (k, k) of the undetermined parts (`separated`):
+    their ratio to the usual size is unknown.
     """
     fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
@@ -254,8 +259,8 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Return whether any of them is more than rounding: each processor has its own rounding, and
-    every kept name takes random numbers of its own.
+    """Return whether any of them is more than rounding: each processor rounds differently, and
+    every kept name uses random numbers of its own.
     """
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
@@ -284,9 +289,10 @@ def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -
 
 
 def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
-    """Return the root mean square over the volume of the error vector that a covariance of the
-    machine's values means, and of how many equal independent parts that mean square might consist;
-    ``fields_um`` (k, 3 points) as of `free_fields_um`."""
+    """Return the root mean square of the error vector over the volume by a covariance of the
+    machine's values, and the equivalent number of equal independent parts; ``fields_um`` (k, 3
+    points) as in `free_fields_um`.
+    """
     across = found @ (fields_um @ fields_um.T)
     square = max(float(np.trace(across)), 1e-30)
     return float(np.sqrt(3.0 * square / fields_um.shape[1])), square**2 / max(

@@ -1,5 +1,5 @@
-"""A covariance in few modes: the most important over the volume, and a rest of values that differ
-each by itself.
+"""A covariance in few modes: the most important over the volume, and a rest of independent
+values.
 """
 
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.linear.ties import first_of_the_largest
 
 KEPT_SHARE = 0.995
-"""A mode more is written until they hold this share of the variance over the volume."""
+"""Share of the variance over the volume at which no further mode is written."""
 UNSEEN = 1e-3
-"""A direction of which no likely size shows by more than this share of its variance is not seen:
-all such are alike."""
+"""Largest change of a direction's variance between any two likely sizes, as a share, at which the
+direction counts as undetermined; all such directions are treated alike.
+"""
 ROUNDING = 1e-9
-"""A smaller share of the largest is rounding: no choice may depend on it."""
+"""Share of the largest below which a value is rounding: no choice may depend on it."""
 
 
 @dataclass(frozen=True, eq=False)
 class BySize:
-    """Modes (k, modes) of causes of unknown size, how they reach at each size, and what is left of
-    them (k,)."""
+    """Modes (k, modes) of causes of unknown size, their factors at each size, and the rest (k,)."""
 
     modes: Vector
     sized: UnknownSize
@@ -35,7 +35,7 @@ class BySize:
         return cls(np.zeros((count, 0)), UnknownSize.nothing(), np.zeros(count))
 
     def beside(self, other: "BySize") -> "BySize":
-        """Return the modes of both, each at its own size."""
+        """Return the modes of both, each with its own size."""
         sizes = max(len(self.sized.scale), len(other.sized.scale))
         scale, shift = (
             np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in both])
@@ -56,15 +56,17 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     the rest.
 
     ``fields`` (k, values) is the effect of a unit of each of the k over the volume. Each column
-    goes with the value of the field that is least known beside the columns before; of equal values
-    the first, so that rounding does not choose. The rest keeps its mean square over the volume.
+    belongs to the value of the field that is least known after the earlier columns; of equal values
+    the first is used, so that rounding does not decide. The rest keeps its mean square over the
+    volume.
     """
     return _factored(np.diag(found), found @ fields, fields, most)
 
 
 def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
-    """Return what `factored` does for a covariance with the diagonal ``variance`` (k,), of which
-    ``across`` (k, values) is the product with ``fields``."""
+    """Return the result of `factored` for a covariance with the diagonal ``variance`` (k,), of
+    which ``across`` (k, values) is the product with ``fields``.
+    """
     alone = variance.copy()
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
@@ -81,11 +83,10 @@ def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tu
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
-    """Return standard deviations of values by themselves, all smaller by the factor that makes
-    their mean square over the volume right.
+    """Return standard deviations of independent values, reduced by a common factor that gives their
+    mean square over the volume.
 
-    None where what is left of the ``total`` is rounding, and none of values that move nothing in
-    the volume.
+    Zero where the rest of the ``total`` is rounding, and for values without effect in the volume.
     """
     moving = np.sum(fields**2, axis=1)
     kept = np.where(moving > ROUNDING * np.max(moving), np.maximum(square, 0.0), 0.0)
@@ -96,8 +97,9 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
 
 
 def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
-    """Return the modes of a covariance (k, k) of which only the usual size is known: all are larger
-    by one of `class_factors`."""
+    """Return the modes of a covariance (k, k) with a known usual size only: all are multiplied by
+    one of `class_factors`.
+    """
     columns, left = factored(found, fields, most)
     factor = class_factors()
     usual = float(np.sqrt(np.mean(factor**2)))
@@ -108,13 +110,13 @@ def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
-    """Return directions (k, q) of a family as modes at the root of their mean square over all
-    sizes.
+    """Return the directions (k, q) of a family as modes, each with the size of its root mean square
+    over all likely sizes.
 
-    Directions that the readings see equally well, within a factor of two, are taken together and
+    Directions that the readings determine equally well, within a factor of two, are joined and
     factored like any covariance: the choice of an eigenvalue decomposition between equal directions
-    is an accident of rounding. The dependence of their most likely amounts on the size is a mode
-    per group.
+    depends on rounding. The dependence of their most likely amounts on the size is a mode per
+    group.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     level = np.where(unseen, -np.inf, np.floor(np.log2(np.where(unseen, 1.0, family.seen))))

@@ -1,8 +1,8 @@
-"""Monte Carlo beside the law of propagation (JCGM 101): surveys are drawn, noise and causes, and
-pass through the estimator.
+"""Monte Carlo in addition to the law of propagation (JCGM 101): surveys are drawn, with noise and
+causes, and pass through the estimator.
 
 Causes are drawn with sizes that are themselves drawn by their uncertainty from the readings; the
-estimator keeps the sizes found.
+estimator keeps the estimated sizes.
 """
 
 from collections.abc import Iterator
@@ -67,7 +67,7 @@ def _noise_operator(spread: Spread, asked: Rows) -> Vector:
 
 def _cause_operator(spread: Spread, asked: Rows) -> Vector:
     """Return the residue of a unit of each cause in the estimate, shape (causes, quantities): the
-    part not found.
+    part that the estimate misses.
     """
     left = spread.fit.amount_covariance @ spread.fit.causes.seen - np.eye(len(spread.group))
     operator: Vector = (spread.moved(asked) @ left).T

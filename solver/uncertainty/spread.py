@@ -1,10 +1,10 @@
-"""The knowledge of unknowns and amounts after the adjustment: variances of any combination, by
-readings alone and with everything.
+"""The knowledge of unknowns and amounts after the adjustment: variances of any combination, from
+the readings alone and from all causes.
 
 ``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T =
 on_causes - K taken``: C is the covariance of the unknowns for known causes, M the covariance of the
-amounts. M also holds the uncertainty of their sizes: it is summed over the sizes that the readings
-and the prior leave likely (law of total variance; `solver.linear.families`).
+amounts. M also includes the uncertainty of their sizes: it is summed over the sizes that remain
+likely by the readings and the prior (law of total variance; `solver.linear.families`).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.rows import Rows
 
 _NONE = 1e-9
-"""A variance (um^2, urad^2) below which there is none."""
+"""A variance (um^2, urad^2) below this counts as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +38,23 @@ class Spread:
 
     @cached_property
     def families(self) -> dict[int, Family]:
-        """Return what is likely of every group whose size is not known, by its number."""
+        """Return the family of every group of unknown size, by its number."""
         return families(self.fit, self.group, self.sizes)
 
     @cached_property
     def amount(self) -> Vector:
-        """Return the covariance of the amounts with everything that is uncertain about them, shape
-        (q, q)."""
+        """Return the covariance of the amounts including the uncertainty of their sizes, shape (q,
+        q).
+        """
         return sum(
             (family.surplus() for family in self.families.values()), self.fit.amount_covariance
         )
 
     @cached_property
     def amount_of_noise(self) -> Vector:
-        """Return what a unit of noise of each row, by its own deviation, makes of the amounts,
-        shape (q, m)."""
+        """Return the effect of a unit of noise of each row, by its own deviation, on the amounts,
+        shape (q, m).
+        """
         matrix: Vector = self.fit.amount_covariance @ self.fit.causes.scaled.T
         return matrix
 
@@ -63,7 +65,7 @@ class Spread:
         return taken if on_causes is None else on_causes + taken
 
     def variance(self, moved: Vector) -> Vector:
-        """Return the variance that the causes make, shape (k,)."""
+        """Return the variance caused by the causes, shape (k,)."""
         found: Vector = np.maximum(np.sum((moved @ self.amount) * moved, axis=1), 0.0)
         return found
 
@@ -92,11 +94,12 @@ class Spread:
 
 
 SIZES_UNKNOWN = "sizes of these"
-"""The share from the unknown sizes of the causes."""
+"""Name of the share that comes from the unknown sizes of the causes."""
 
 
 def deviation(variance: Vector) -> Vector:
-    """Return the standard deviations of variances; what rounding leaves of none is none, on every
-    processor."""
+    """Return the standard deviations of variances; rounding of a zero variance gives zero, on every
+    processor.
+    """
     found: Vector = np.sqrt(np.where(variance < _NONE, 0.0, variance))
     return found

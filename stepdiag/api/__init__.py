@@ -1,4 +1,4 @@
-"""The public Python door: readings in, result out; files and their prediction; a log as numpy
+"""The public Python interface: readings in, result out; files and their prediction; a log as numpy
 arrays; tables and plots of all of them.
 
     >>> from stepdiag.api import load_readings, solve
@@ -6,7 +6,8 @@ arrays; tables and plots of all of them.
     >>> print(f"{result.squareness['C0Y'].value:.1f} urad")
     -20.0 urad
 
-Everything here is kept from version to version; what the floors' rooms hold beside it may move.
+Everything in this module stays compatible from version to version; other functions of the floors
+may move.
 """
 
 from collections.abc import Collection, Sequence
@@ -84,7 +85,8 @@ def load_readings(path: Path | str) -> Readings:
 
 def load_angles(path: Path | str) -> Angles:
     """Return angular functions of a CSV file (axis, position_mm, EA_urad, EB_urad, EC_urad). Raises
-    as `load_readings`."""
+    the errors of `load_readings`.
+    """
     return parse_angles(read_text(Path(path)), Path(path).name)
 
 
@@ -102,7 +104,8 @@ def load_result(path: Path | str) -> Result:
 
 def save_result(result: Result, path: Path | str) -> None:
     """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` where
-    another file is in its place."""
+    another file exists.
+    """
     write_hashed(Path(path), result.to_json())
 
 
@@ -118,9 +121,9 @@ def export(
     """Write the compensation files of a result for a control and return the files and their effect.
 
     ``profile`` is the machine's profile (written by ``stepdiag profile``); without a profile the
-    export is a quick look, with the tables at the measured positions or in steps of ``step_mm``.
-    ``accept`` names the warnings that may pass. Raises ``SafetyError`` for a failed check,
-    ``DataError`` for what is not identified.
+    export is provisional, with the tables at the measured positions or in steps of ``step_mm``.
+    ``accept`` names the accepted warnings. Raises ``SafetyError`` for a failed check, ``DataError``
+    for an unidentified quantity.
     """
     found = (
         load_profile(Path(profile), controller_named(controller), result.volume)
@@ -136,7 +139,8 @@ def verify(
     result: Result, files: Sequence[Path | str], *, profile: Path | str | None = None
 ) -> Verification:
     """Return the predicted effect of one control's files on the machine of a result. Raises
-    ``DataError`` for files of no known control."""
+    ``DataError`` for files that belong to no known control.
+    """
     read = read_given([Path(file) for file in files])
     found = (
         load_profile(Path(profile), controller_for(read), result.volume)
@@ -152,8 +156,8 @@ def plan(
     """Return the forecast of a survey file and the surveys that are worth their time, as ``stepdiag
     plan`` prints them.
 
-    ``minutes`` is the time there is, ``target_um`` what compensation may leave (rms over the
-    volume). Raises ``UsageError`` for a file that is no survey.
+    ``minutes`` is the available time, ``target_um`` the largest remaining error after compensation
+    (rms over the volume). Raises ``UsageError`` for a file that is not a survey.
     """
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.survey.file import load_survey
@@ -179,8 +183,8 @@ def report(
     """Write the readable report of a result and return the files: FILE.html, FILE.pdf, or a folder
     for the HTML and every figure as CSV.
 
-    Raises ``UsageError`` where another file is in its place, or where a PDF is asked for and no
-    browser is found.
+    Raises ``UsageError`` where another file exists, or where a PDF is requested and no browser is
+    found.
     """
     from stepdiag.report.document import build_report
     from stepdiag.report.output import write_report
@@ -201,13 +205,13 @@ def certificate(
     report: Path | str | None = None,
     left: Path | str | None = None,
 ) -> int:
-    """Write the digital calibration certificate (DCC) of a result's file and return how many things
-    it rests on, each by its SHA-256.
+    """Write the digital calibration certificate (DCC) of a result's file and return the number of
+    its sources, each named with its SHA-256.
 
     ``files`` are those of an export, ``laboratory`` is the laboratory's file, ``report`` the report
-    that ``stepdiag report`` wrote of all these, ``left`` the result's file of the survey after
-    loading. `verify_certificate` computes it again. Raises ``UsageError`` where a file is in its
-    place, ``DataError`` for files that do not belong to the result.
+    of ``stepdiag report`` on all these, ``left`` the result's file of the survey after loading.
+    `verify_certificate` computes the certificate again. Raises ``UsageError`` where the file
+    already exists, ``DataError`` for files that do not belong to the result.
     """
     stated, shown, after = (
         None if path is None else Path(path) for path in (laboratory, report, left)

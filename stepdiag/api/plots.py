@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 LATTICE = 5
 """Points per axis at which the error field is drawn."""
 _LONGEST_SHARE = 0.15
-"""The longest vector of the error field is drawn as long as this share of the longest side of the
-volume."""
+"""Length of the longest drawn error vector, as a share of the longest side of the volume."""
 
 
 def plot_functions(result: Result) -> "Figure":
@@ -61,7 +60,7 @@ def plot_functions(result: Result) -> "Figure":
 
 
 def plot_field(result: Result) -> "Figure":
-    """Return the error vectors in the volume, rigid motion removed; the title names the length of
+    """Return the error vectors in the volume, rigid motion removed; the title states the length of
     the longest.
 
     Raises UsageError where matplotlib is not installed.

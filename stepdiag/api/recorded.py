@@ -1,4 +1,4 @@
-"""A log in numbers."""
+"""A log as numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +17,9 @@ from stepdiag.daq.timing.samples import Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedLog:
-    """One log in numbers. ``laser`` holds every sample in columns; ``stops`` what the synchroniser
-    made of them, in order."""
+    """One log as numbers. ``laser`` holds every sample in columns; ``stops`` holds the captured
+    stops, in order.
+    """
 
     laser: Samples
     stops: tuple[CapturedStop, ...]
@@ -28,7 +29,7 @@ def read_log(path: Path | str) -> RecordedLog:
     """Return a log as numpy arrays: every sample of its laser, decoded again from the raw bytes,
     and its stops.
 
-    Raises ``DataError`` for a file that is no log of ours.
+    Raises ``DataError`` for a file that is not a log of this program.
     """
     log = open_log(Path(path))
     decoder = laser_decoder(parse_survey(log.header.survey_text, f"{Path(path).name}: survey.toml"))
@@ -49,7 +50,7 @@ def read_log(path: Path | str) -> RecordedLog:
 
 
 def _joined(batches: Sequence[Samples]) -> Samples:
-    """Return batches as one, their remarks left out: the replay gives them."""
+    """Return batches as one, without their remarks, which the replay gives."""
     return Samples(
         counter=np.concatenate([batch.counter for batch in batches]),
         position_mm=np.concatenate([batch.position_mm for batch in batches]),

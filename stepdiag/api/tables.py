@@ -45,9 +45,9 @@ def table(of: object) -> Table:
     """Return readings, the stops of a log, its samples, the functions of a result or findings as
     columns of equal length.
 
-    A result gives one row a value of a function: name, unit, position_mm, value, u. The columns of
-    samples are those of `daq.timing.samples.Samples` without channels; ``counter`` is the
-    instrument's own clock. Raises UsageError for anything else.
+    A result gives one row per value of a function: name, unit, position_mm, value, u. The columns
+    of samples are those of `daq.timing.samples.Samples` without channels; ``counter`` is the
+    instrument's own clock. Raises UsageError for another type of value.
     """
     expected = message("one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding"))
     raise UsageError("table", expected=expected, found=type(of).__name__)
@@ -111,8 +111,9 @@ def _(of: Sequence[CapturedStop | Finding]) -> Table:
 
 
 def frame(of: object) -> "pd.DataFrame":
-    """Return what `table` gives as a DataFrame. Raises UsageError where pandas is not installed, or
-    as `table`."""
+    """Return the columns of `table` as a DataFrame. Raises UsageError where pandas is not
+    installed, and the errors of `table`.
+    """
     try:
         import pandas as pd
     except ImportError:

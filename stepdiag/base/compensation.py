@@ -17,14 +17,15 @@ from stepdiag.base.settings import UNANSWERED
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """The statement about the compensation: ``state`` is None where there is no survey, ``"?"``
-    where the survey leaves it open."""
+    """The statement about the compensation: ``state`` is None without a survey, ``"?"`` where the
+    survey leaves the question open.
+    """
 
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
 
     def facts(self, facts: Facts | None = None) -> Facts:
-        """Return the facts of a survey with this statement in them."""
+        """Return the facts of a survey including this statement."""
         state = None if self.state == UNANSWERED else self.state
         return replace(facts or Facts(), compensation=state, active_files=self.files)
 
@@ -60,7 +61,7 @@ def stated(
 
 
 def stated_in(result: Result) -> Statement:
-    """Return the statement of a result. Raises ``DataError`` where that is damaged."""
+    """Return the statement of a result. Raises ``DataError`` where the statement is damaged."""
     facts = result.survey
     if facts is None:
         return Statement()

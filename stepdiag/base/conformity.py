@@ -1,9 +1,9 @@
 """Does a machine conform to its tolerances: a verdict by ISO 14253-1 with the probability of
 conformity by JCGM 106, from a result alone.
 
-A tolerance limits a magnitude: the measurand Y conforms where |Y| is at most T. With what was
-measured, Y has a distribution: normal with value and combined standard uncertainty for a number,
-the draws of the posterior for a figure that is skewed (a length, a range).
+A tolerance limits a magnitude: the measurand Y conforms where |Y| is at most T. By the measurement,
+Y has a distribution: normal with value and combined standard uncertainty for a number, the draws of
+the posterior for a skewed figure (a length, a range).
 
     probability of conformity   p = Pr(-T <= Y <= T | measured)                         JCGM
     106:2012, 7
@@ -41,7 +41,7 @@ SQUARENESS_URAD = "squareness_urad"
 POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
 """Tolerances of the figures of ISO 230-2 along every axis, by name."""
 COVERAGE = 2.0
-"""Every uncertainty that a person reads is expanded, k = 2 (ISO/TR 230-9)."""
+"""Every uncertainty shown to a person is expanded, k = 2 (ISO/TR 230-9)."""
 Unit = Literal["um", "urad"]
 
 
@@ -49,8 +49,8 @@ def probability(value: float, u: float, tolerance: float, least: float | None = 
     """Return the probability that a normal measurand lies from ``least`` (None: minus
     ``tolerance``) to ``tolerance``.
 
-    ``u`` is its standard uncertainty; with 0 the measurand is its value. Source: JCGM 106:2012, 7.3
-    to 7.5.
+    ``u`` is its standard uncertainty; with 0 the measurand equals its value. Source: JCGM 106:2012,
+    7.3 to 7.5.
     """
     low = -tolerance if least is None else least
     if u == 0.0:
@@ -64,7 +64,8 @@ def _normal(z: float) -> float:
 
 def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdict:
     """Return the verdict about a measurand with a coverage interval, whose magnitude may be
-    ``tolerance``; no interval decides nothing."""
+    ``tolerance``; without an interval it is not decidable.
+    """
     if low is None or high is None:
         return "not_decidable"
     if -tolerance <= low and high <= tolerance:
@@ -73,7 +74,7 @@ def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdi
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the verdict about a machine: not conform by one figure, conform by all."""
+    """Return the verdict about a machine: not conform if one figure is not, conform if all are."""
     found = set(verdicts)
     if "not_conform" in found:
         return "not_conform"
@@ -81,8 +82,9 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
 
 
 def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
-    """Return the result with tolerances, by quantity, and its conformity to them; the result as it
-    is where there are none."""
+    """Return the result with tolerances, by quantity, and its conformity to them; the unchanged
+    result without tolerances.
+    """
     if not tolerance:
         return result
     known = replace(result, tolerance=dict(tolerance))
@@ -119,7 +121,7 @@ def _compensated(result: Result) -> Result:
     """Return the result after an ideal compensation: every identified squareness and displacement
     is zero within its u.
 
-    No table removes an angle, nor the reversal in E and A: they are not in it.
+    No table removes an angle, and the figures do not contain the reversal in E and A.
     """
     errors = {
         name: one if one.value is None else replace(one, value=np.zeros_like(one.value))
@@ -190,8 +192,7 @@ def _squareness(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judg
 
 
 def _positioning(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
-    """Yield E and A of every run along an axis; without such a run nothing is decided about
-    them."""
+    """Yield E and A of every run along an axis; without such a run they are not decidable."""
     runs = {
         name: found[0]
         for name, found in (result.standards or {}).items()
@@ -259,11 +260,11 @@ def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
     """Return the interval of a range from ranges of drawn machines, ``found`` is the range of the
     function found.
 
-    Noise makes a range longer: the range found holds it once, the draws around it twice. The upper
-    end stays that of the draws, so that no machine is accepted for a short range by chance; the
-    lower end is below the machine's range, by the bias of the draws taken off twice or by the
-    pivotal interval (2 found - high), whichever is lower. A function of zeros was taken out: only
-    its drawn residue is left.
+    A range is biased upwards by noise: the estimated range contains the noise once, the draws
+    around it twice. The upper end stays that of the draws, so that no machine is accepted for a
+    short range by chance; the lower end is below the machine's range, by the bias of the draws
+    taken off twice or by the pivotal interval (2 found - high), whichever is lower. A function that
+    a table corrects is zero: only its drawn residue is left.
     """
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:

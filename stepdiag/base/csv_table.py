@@ -1,5 +1,6 @@
-"""CSV tables as people write them: comments, blank lines, a byte order mark, and refusals that name
-the line."""
+"""CSV tables as people write them: comments, blank lines, a byte order mark, and error messages
+that name the line.
+"""
 
 import csv
 import math
@@ -10,11 +11,13 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 
 LARGEST = 1e12
-"""No position, error, time or count of a machine comes near. A larger number is a mistake, and its
-square would soon not be finite.
+"""No position, error, time or count of a machine is nearly as large. A larger number is a mistake,
+and its square would soon not be finite.
 """
 MOST_ROWS = 2_000_000
-"""Rows of a table: the fastest head gives fewer in a stability test of half an hour."""
+"""Largest number of rows of a table: the fastest head gives fewer in a stability test of half an
+hour.
+"""
 
 
 def read_table(
@@ -27,8 +30,8 @@ def read_table(
     """Return (line number, fields by column) of every row of a CSV with a header.
 
     A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted; ``alias``
-    maps other spellings of column names. Raises ``DataError`` for missing or doubled columns, other
-    separators, rows of another length and tables without rows.
+    maps other spellings of column names. Raises ``DataError`` for missing or repeated columns,
+    other separators, rows of another length and tables without rows.
     """
     numbered = enumerate(text.removeprefix("\ufeff").splitlines(), start=1)
     content = [
@@ -117,7 +120,8 @@ def number_in(
     least: float = -math.inf,
 ) -> float:
     """Return the finite number in a field; NaN for an empty or absent optional one. Raises
-    ``DataError`` for anything else."""
+    ``DataError`` for any other text.
+    """
     text = fields.get(name, "")
     if optional and not text:
         return math.nan
@@ -133,8 +137,9 @@ def number_in(
 
 
 def whole_number_in(fields: Mapping[str, str], name: str, where: str, *, least: int) -> int:
-    """Return the whole number in a field. Raises ``DataError`` for anything else or below
-    ``least``."""
+    """Return the whole number in a field. Raises ``DataError`` for any other text, or a number
+    below ``least``.
+    """
     text = fields[name]
     if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) >= least):
         raise DataError(

@@ -6,8 +6,8 @@
     ├── DeviceError          a device cannot be reached or misbehaves  (also a ConnectionError)
     └── SafetyError          an export was refused by a safety check   (also a ValueError)
 
-The tree stands on the lowest floor so that every floor can raise from it. Only the command line
-turns a cause into an exit code.
+The tree is on the lowest floor so that every floor can raise from it. Only the command line turns a
+cause into an exit code.
 """
 
 import errno
@@ -18,10 +18,11 @@ from stepdiag.base.messages import Message, Words, message, message_of
 
 
 class StepdiagError(Exception):
-    """A refusal: place, expected value, value found and remedy; each a message, a name or a value.
+    """An error message: place, expected value, value found and remedy; each a message, a name or a
+    value.
 
     ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message`` is
-    the whole, the text of the exception its English.
+    the whole; the text of the exception is its English form.
     """
 
     def __init__(self, where: Words, *, expected: Words, found: Words, remedy: Words = "") -> None:
@@ -43,19 +44,20 @@ class UsageError(StepdiagError, ValueError):
 
 
 class DataError(StepdiagError, ValueError):
-    """The data do not support what was asked: missing pass, broken beam, wrong sequence, damaged
-    file."""
+    """The data do not support the request: missing pass, broken beam, wrong sequence, damaged
+    file.
+    """
 
 
 class DeviceError(StepdiagError, ConnectionError):
-    """A device cannot be reached, or answers what it must not."""
+    """A device cannot be reached, or gives an invalid answer."""
 
 
 class SafetyError(StepdiagError, ValueError):
     """An export was refused by a safety check; ``code`` names the check: a code of
     docs/findings.md, or code and variant.
 
-    A check that is only a warning can be accepted by its code.
+    A check that only warns can be accepted by its code.
     """
 
     def __init__(

@@ -1,4 +1,5 @@
-"""Files: read up to a limit, written whole or not at all, groups of files all or none.
+"""Files: read up to a limit, written completely or not at all, groups of files together or not at
+all.
 
 Existing files are kept unless the caller asks otherwise.
 
@@ -61,8 +62,8 @@ def read_bytes(
     remedy: Words = "",
     blame: type[UsageError | DataError] = DataError,
 ) -> bytes:
-    """Return the bytes of a file; ``where`` is the field that names it, if any: it must then be a
-    file and no terminal or pipe.
+    """Return the bytes of a file; ``where`` is the field that names it, if any; then it must be a
+    file, not a terminal or pipe.
 
     Raises UsageError for an unreadable file, ``blame`` for more than ``largest`` bytes.
     """
@@ -91,7 +92,7 @@ def read_bytes(
 
 
 def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataError) -> str:
-    """Return bytes as text. Raises ``blame`` where they are not UTF-8."""
+    """Return bytes as text. Raises ``blame`` where the bytes are not UTF-8."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -103,11 +104,11 @@ def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataE
 
 
 def read_text(path: Path) -> str:
-    """Return a text file in UTF-8 whose bytes have the hash that stands beside it; where none does,
-    as it stands: another program wrote it.
+    """Return a text file in UTF-8 whose bytes match the hash file beside it; without a hash file
+    the text is returned unchecked, since another program wrote it.
 
-    A digit that a disk turned over would be another figure. Raises UsageError where it cannot be
-    read, DataError where it is too large, not UTF-8, or of another hash.
+    A digit changed by a disk error would be another figure. Raises UsageError for an unreadable
+    file, DataError for a file that is too large, not UTF-8, or does not match its hash.
     """
     data, beside = read_bytes(path), _hash_beside(path)
     if beside.is_file():
@@ -119,8 +120,9 @@ def read_text(path: Path) -> str:
 
 
 def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
-    """Raise DataError where bytes have another SHA-256 than the ``line`` of sha256sum in the file
-    ``beside`` states."""
+    """Raise DataError where the SHA-256 of bytes differs from the ``line`` of sha256sum in the file
+    ``beside``.
+    """
     found = hashlib.sha256(data).hexdigest()
     # the name behind it is no part: file and hash may have been copied to another one
     if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
@@ -131,11 +133,11 @@ def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
 
 
 def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
-    """Write files that belong together: all of them whole, or none; their folders are made.
+    """Write files that belong together: all of them complete, or none; their folders are made.
 
-    ``over`` older files, which come back where one of these fails. Otherwise nothing is
-    overwritten: the same bytes stay, other bytes are refused (UsageError) before anything is
-    written. Raises OSError for what the disk refuses.
+    ``over`` older files, which are restored if one of these fails. Otherwise no file is
+    overwritten: the same bytes stay, and other bytes are refused (UsageError) before anything is
+    written. Raises OSError where the disk refuses.
     """
     wanted = {path: data for path, data in files.items() if over or not _stands_there(path, data)}
     with ExitStack() as folders, ExitStack() as parts, undone_on_failure() as undo:
@@ -149,14 +151,14 @@ def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file, over an older file if need be, so that a reader sees the old or the whole new
-    file; its folder is made.
+    """Write a file, over an older file if necessary, so that a reader gets either the old or the
+    complete new file; its folder is made.
     """
     write_together({path: data}, over=True)
 
 
 def holds(path: Path, data: bytes) -> bool:
-    """Return whether a file with these very bytes stands there."""
+    """Return whether a file with exactly these bytes exists."""
     return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
 
 
@@ -189,7 +191,7 @@ def _hash_beside(path: Path) -> Path:
 
 
 def refuse_existing(path: Path) -> None:
-    """Raise UsageError where a file is there already, before a command asks anything."""
+    """Raise UsageError where a file already exists, before a command asks questions."""
     if path.exists():
         raise UsageError(
             str(path),
@@ -200,7 +202,7 @@ def refuse_existing(path: Path) -> None:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a new text file, whole or not at all. Raises UsageError if it exists or cannot be
+    """Write a new text file, complete or not at all. Raises UsageError if it exists or cannot be
     written.
     """
     refuse_existing(path)
@@ -226,7 +228,7 @@ def refuse_file_name(out: Path, expected: str = "a folder") -> None:
 
 
 def _stands_there(path: Path, data: bytes) -> bool:
-    """Return whether the file is there already. Raises UsageError where another is."""
+    """Return whether the file already exists. Raises UsageError where another is."""
     if holds(path, data):
         return True
     if path.exists():
@@ -241,7 +243,7 @@ def _stands_there(path: Path, data: bytes) -> bool:
 
 
 def _publish(part: Path, path: Path, data: bytes, undo: ExitStack, *, over: bool) -> None:
-    """Give a written file its name, and note the step back."""
+    """Rename a written file to its name, and record the undo step."""
     if not over:
         try:
             publish_new(part, path)

@@ -23,18 +23,18 @@ __all__ = ["Finding", "Severity", "error", "finding", "in_words", "info", "warni
 
 NOWHERE = Place()
 PROOF = "proof"
-"""The code of the finding in a result that holds the verdict of a proof run."""
+"""The code of the finding with the verdict of a proof run in a result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """A remark, made by `finding` from a message. ``code`` is stable and documented in
+    """A finding, made by `finding` from a message. ``code`` is stable and documented in
     docs/findings.md.
 
-    ``text`` is its English sentence, for people; an old log or result holds nothing more. Its place
-    stands in ``setup``, ``way``, ``pass_number`` and ``stop`` (of a pass with the ``last`` stop),
-    as far as known, and ``size_um`` is its size. ``among`` are the passes, written ``ppp/1``, of
-    which a single pass is meant without evidence for which.
+    ``text`` is its English sentence, for people; an old log or result contains only this text. Its
+    place is given by ``setup``, ``way``, ``pass_number`` and ``stop`` (of a pass with the ``last``
+    stop), if known; ``size_um`` is its size. ``among`` are the passes, written ``ppp/1``, one of
+    which is concerned; the data do not show which.
     """
 
     code: str
@@ -51,7 +51,7 @@ class Finding:
 
     @property
     def action(self) -> Action:
-        """Return the action that a person takes."""
+        """Return the action required of a person."""
         return finding_action(self.code, self.severity)
 
     @property
@@ -61,7 +61,7 @@ class Finding:
 
     @property
     def place(self) -> Place:
-        """Return where it belongs."""
+        """Return its place."""
         return Place(
             setup=self.setup,
             way=self.way,
@@ -72,18 +72,18 @@ class Finding:
 
     @property
     def words(self) -> Words:
-        """Return the message with its place before it; the text where an old log or result holds
-        nothing else."""
+        """Return the message, preceded by its place; the text alone of an old log or result."""
         return self.text if self.message is None else at(self.place, self.message)
 
     def is_accepted(self, accept: Container[str]) -> bool:
-        """Return whether a person accepts it: by its code, by its key, or by a name of an older
-        version."""
+        """Return whether a person has accepted it: by its code, by its key, or by a name of an
+        older version.
+        """
         return accepted(self.code, self.key, accept)
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON form of the contract: code, severity, action, text, its arguments, and
-        its place as far as known.
+        its place if known.
 
         ``key`` names the sentence of a code with several.
         """
@@ -114,7 +114,7 @@ def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> s
     """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was
     found, by default its own.
 
-    The text of an old log or result stands as it is.
+    The text of an old log or result is returned unchanged.
     """
     if found.message is None:
         return found.text
@@ -131,8 +131,8 @@ def finding(
     size_um: float | None = None,
     among: tuple[str, ...] = (),
 ) -> Finding:
-    """Return the finding of a message. Its code is the message's key without a variant; a phrase
-    serves several codes and needs ``code``.
+    """Return the finding of a message. Its code is the message's key without the variant; a phrase
+    is used for several codes and needs ``code``.
 
     Raises KeyError for a phrase without a code.
     """

@@ -62,9 +62,8 @@ def abbe_mask(chain: str) -> NDArray[np.float64]:
     coordinate), entries 0 or 1.
 
     The arm of axis ``a`` is ``r_a = mask[a] * (P - origin)`` (theory 2.2). The carriage of a
-    tool-side axis stands where all work-side axes, the tool-side axes from the bed up to it, and
-    itself have brought it; the carriage of a work-side axis stands where the axes nearer to the
-    workpiece have.
+    tool-side axis is moved by all work-side axes, the tool-side axes from the bed up to it, and
+    itself; the carriage of a work-side axis is moved by the axes nearer to the workpiece.
     """
     work, tool = parse_chain(chain)
     mask = np.ones((3, 3))

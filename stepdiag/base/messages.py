@@ -1,11 +1,11 @@
-"""A message as a value: a key, arguments with units in their names, and where it belongs. Words are
-made where it is shown.
+"""A message as a value: a key, arguments with units in their names, and its place. The words are
+made at the place of display.
 
     words = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
     rendered(words, "de")
 
 The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of
-every argument. A text takes the place of a message where an old log or result holds nothing else.
+every argument. A text replaces a message where an old log or result contains only text.
 """
 
 import json
@@ -21,7 +21,9 @@ from stepdiag.texts.texts import LANGUAGES, Language, localised
 Way = Literal["", "out", "back"]
 
 LONGEST_PART = 2000
-"""Characters of a text in a message: a foreign file may put megabytes where a word should be."""
+"""Largest number of characters of a text in a message: a foreign file may contain megabytes in
+place of a word.
+"""
 LONGEST_QUOTE = 60
 _BETWEEN: dict[Kind, dict[Language, str]] = {
     "list": {"en": ", ", "de": ", "},
@@ -32,19 +34,20 @@ _BETWEEN: dict[Kind, dict[Language, str]] = {
 
 
 def shortened(text: str, most: int = LONGEST_PART) -> str:
-    """Return a text, or its beginning and how long it is."""
+    """Return a text, or its beginning and its length."""
     return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
 
 
 def excerpt(text: str) -> str:
-    """Return what of a text a message quotes: its beginning where it is long."""
+    """Return the part of a text that a message quotes: the beginning of a long text."""
     return shortened(text, LONGEST_QUOTE)
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A sentence of the catalogue and its arguments; as a text it is the English sentence. Made by
-    `message`."""
+    """A sentence of the catalogue and its arguments; its text form is the English sentence. Use
+    `message` to make one.
+    """
 
     key: str
     arguments: "dict[str, Kept]" = field(default_factory=dict)
@@ -62,17 +65,18 @@ class Message:
 
 
 Words = Message | str
-"""A message; or a text as it stands: a name, a value of a file, a sentence of an old log."""
+"""A message, or an unchanged text: a name, a value of a file, a sentence of an old log."""
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
 Kept = Message | str | int | float | tuple[Item, ...]
-"""An argument as a message keeps it: two messages of the same arguments are equal, read from JSON
-or made here."""
+"""An argument in the form stored in a message: two messages with equal arguments are equal, whether
+read from JSON or made here.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Place of an event: setup, way, pass, stop of the pass and its last stop, as far as known."""
+    """Place of an event: setup, direction, pass, stop of the pass and its last stop, if known."""
 
     setup: str = ""
     way: Way = ""
@@ -119,7 +123,7 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
 
 
 def rendered(words: Words, language: Language) -> str:
-    """Return a message in words of a language; a text as it stands but for its decimal comma."""
+    """Return a message in words of a language; a text unchanged except for its decimal comma."""
     if isinstance(words, str):
         return localised(words, language)
     known = sentences().get(words.key)
@@ -170,8 +174,9 @@ def run(setup: str, way: Way) -> Message:
 
 
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return words with their pass and stop before it; ``stops`` are several stops of the pass,
-    without them that of the place."""
+    """Return words preceded by their pass and stop; ``stops`` are several stops of the pass;
+    without them the stop of the place is used.
+    """
     if not place.way:
         return words
     run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": words}
@@ -183,8 +188,7 @@ def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
 
 
 def where(place: Place) -> Words:
-    """Return a place in words: setup and pass, and the stop where it is known; empty without a
-    pass."""
+    """Return a place in words: setup and pass, and the stop if known; empty without a pass."""
     if place.pass_number is None:
         return ""
     about: dict[str, Argument] = {"setup": place.setup, "number": place.pass_number}
@@ -194,8 +198,8 @@ def where(place: Place) -> Words:
 
 
 def joined(parts: Sequence[Words]) -> Words:
-    """Return several sentences as a single text, with semicolons between them; a single sentence
-    unchanged, an empty text for none.
+    """Return several sentences as a single text, separated by semicolons; a single sentence
+    unchanged, an empty text without any.
     """
     return message("several", parts=parts) if len(parts) > 1 else next(iter(parts), "")
 
@@ -224,14 +228,16 @@ def _json(value: Argument | Item) -> Any:
 
 
 def kept(words: Words) -> str:
-    """Return a message as JSON text, for a log whose text stands beside it; empty for what is text
-    alone. `of_log` reads it again."""
+    """Return a message as JSON text, for a log that also stores the text; empty for a text alone.
+    `of_log` reads it again.
+    """
     return json.dumps(message_json(words), ensure_ascii=False) if isinstance(words, Message) else ""
 
 
 def of_log(text: str, kept_message: str) -> Words:
-    """Return what a log holds: a message of this program, else the text as it stands. Raises
-    ValueError for what is no JSON."""
+    """Return the message stored in a log: a message of this program, or else the unchanged text.
+    Raises ValueError for a text that is not JSON.
+    """
     return (message_of(json.loads(kept_message)) if kept_message else None) or text
 
 

@@ -1,9 +1,9 @@
 """Settings files in TOML against msgspec models, with messages for the person who wrote the file.
 
-Surveys, head calibrations and controller profiles pass through here. msgspec names a wrong value in
-its own words; here each field is checked on its own, so that a refusal names the field by its name
-in the file, the type and limits, and the value found. An unknown key is refused with the nearest
-known key. A value ``"?"`` is an open question.
+Surveys, head calibrations and controller profiles are read here. msgspec names a wrong value in its
+own words; here each field is checked separately, so that an error message names the field by its
+name in the file, the type and limits, and the value found. An unknown key is refused with the
+nearest known key. A value ``"?"`` is an open question.
 """
 
 import difflib
@@ -29,9 +29,10 @@ _DEEPEST = 20
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _LONG_NAME = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
 """A name of too many parts: time and memory of the TOML reader grow with the square of their number
-(32 kB of one name: 1 GB), so no limit of the file's size that a survey file fits in is enough. A
-comment or a text that looks like such a name is refused too. No name begins behind a backslash;
-looked for there, texts of escaped quotes would cost a square of their own."""
+(32 kB of one name: 1 GB), so a limit of the file's size that admits survey files is not sufficient.
+A comment or a text that looks like such a name is refused as well. No name begins after a
+backslash; a search there would take a time with the square of the number of escaped quotes.
+"""
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
     inspect.DictType: message("a-table"),
@@ -41,8 +42,9 @@ _PLAIN: dict[type[inspect.Type], Message] = {
 
 
 def read_toml(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; a byte order mark is passed over. Raises ``UsageError``
-    with the line where it is no TOML."""
+    """Return the tables of a TOML text; a byte order mark is skipped. Raises ``UsageError``, with
+    the line, where it is not TOML.
+    """
     text = text.removeprefix("\ufeff")
     if deep := _LONG_NAME.search(text):
         raise UsageError(
@@ -74,7 +76,8 @@ def require_answers(data: object, source: str) -> None:
 
 def convert(data: object, model: type[Model], source: str, at: str = "") -> Model:
     """Return ``data`` as a ``model``; ``at`` is its path within the file. Raises ``UsageError`` for
-    the first field that is wrong."""
+    the first wrong field.
+    """
     _check(data, model, source, at)
     return msgspec.convert(data, model)
 
@@ -101,8 +104,9 @@ def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageErro
 def refuse(
     source: str, field: str, expected: Words, found: object, remedy: Words = ""
 ) -> UsageError:
-    """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found
-    "fast"``."""
+    """Return the error message for one field: ``survey.toml: plc.poll_hz: expected a number above
+    0, found "fast"``.
+    """
     shown = (
         found
         if isinstance(found, Message)
@@ -116,7 +120,7 @@ def refuse(
 
 
 def show(value: object) -> str:
-    """Return a value as it would stand in the file; what is long is cut."""
+    """Return a value in its written form in the file; a long one is shortened."""
     return excerpt(json.dumps(value, ensure_ascii=False, default=str))
 
 
@@ -167,7 +171,7 @@ def _close(word: str, known: list[str]) -> str:
 
 
 def _check(value: object, hint: Any, source: str, path: str) -> None:
-    """Walk a value beside the annotation of its field."""
+    """Check a value against the annotation of its field."""
     if get_origin(hint) in (Union, UnionType):
         (hint,) = (part for part in get_args(hint) if part is not NoneType)
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
@@ -187,8 +191,9 @@ def _check(value: object, hint: Any, source: str, path: str) -> None:
 
 
 def _item_hints(hint: Any, count: int) -> tuple[Any, ...]:
-    """Return the annotation of each of ``count`` items; nothing where so many do not fit, or the
-    field is no list."""
+    """Return the annotation of each of ``count`` items; empty where this number does not fit, or
+    the field is not a list.
+    """
     parts = get_args(hint)
     if get_origin(hint) is list or (get_origin(hint) is tuple and parts[-1] is Ellipsis):
         return (parts[0],) * count

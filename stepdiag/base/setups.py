@@ -8,8 +8,8 @@
     linear-x linear-y      run along one axis
     fourdof-x fourdof-y    run of the 4-DOF head along one axis: its own record, no readings
 
-A number behind ``+`` separates setups of the same travel: a shifted beam, a second mirror
-alignment, another face (``ppp+1``).
+A number after ``+`` separates setups of the same travel: a shifted beam, a second mirror alignment,
+another face (``ppp+1``).
 """
 
 import difflib
@@ -32,7 +32,7 @@ FACE_DIAGONALS = tuple(
 )
 CONTINUOUS_DIAGONALS = tuple(f"body-{diagonal}" for diagonal in BODY_DIAGONALS)
 SETUP_NAMES = (*BODY_DIAGONALS, *FACE_DIAGONALS, *CONTINUOUS_DIAGONALS, *LINEAR_RUNS)
-"""Every setup whose readings the solver understands, in the order in which tables list them."""
+"""Every setup whose readings the solver accepts, in the order of tables."""
 DRIVEN_SETUPS = (*SETUP_NAMES, *FOURDOF_RUNS)
 """Every setup that a machine drives."""
 CODED_FROM = 100
@@ -61,7 +61,7 @@ class Setup:
 
     @property
     def axis(self) -> str:
-        """Return the axis of a run along one, else nothing."""
+        """Return the axis of a run along one axis, else an empty text."""
         return self.base[-1] if self.kind in ("linear", "fourdof") else ""
 
     @property
@@ -107,10 +107,10 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
 
 def setup_code(setup: str, planned: Sequence[str]) -> int:
     """Return the number of the machine's ``setup`` register for a setup of a plan: 100 + k for the
-    k-th, where it has none of its own.
+    k-th, if it has no number of its own.
 
-    A shifted beam on a body diagonal has that of its diagonal: the machine drives the same. Raises
-    ``UsageError`` for a name that is no setup.
+    A shifted beam on a body diagonal has the number of its diagonal: the machine drives the same
+    stops. Raises ``UsageError`` for an invalid name.
     """
     travel = setup_of(setup, "plan.setups")
     if travel.base in _CODES and (travel.is_diagonal or not travel.shift):

@@ -10,29 +10,33 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 MOST_INCREMENTS = 500
-"""Most increments of an axis: out and back along four diagonals a survey of thirteen hours. The
-solver takes a minute and 2.4 GB for it, and both grow with the second to third power.
+"""Largest number of increments of an axis: out and back along four diagonals, a survey takes
+thirteen hours. The solver takes a minute and 2.4 GB for it, and both grow with the second to third
+power.
 """
 SHORTEST_MACHINE_MM = 10.0
 
 POSITION_TOLERANCE_MM = 0.125
-"""A stop lies within so much of its target: a program with one decimal is off by 0.05 mm, and a G91
-program adds up its rounding. Stop and box together may differ by twice that, as recording takes
-stops (`daq.capture.naming.route`). An error function changes by nanometres over such a way, which
-`solver.adjustment` takes off as well."""
+"""Largest distance of a stop from its target: a program with one decimal is off by 0.05 mm, and a
+G91 program accumulates its rounding. Stop and box together may differ by twice that, as recording
+takes stops (`daq.capture.naming.route`). An error function changes by nanometres over such a
+distance, which `solver.adjustment` subtracts as well.
+"""
 SHARE_OF_STEP = 0.25
-"""Of an increment, if less: two targets must not become one."""
+"""Share of an increment, if smaller: two targets must remain distinct."""
 ROUNDING_MM = 1e-6
 """Positions so close are equal: no control distinguishes them, and a slope between them has no
 meaning.
 """
 
 BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
-"""Of the distance between even targets, to either side; and how close even targets may be."""
+"""Shares of the distance between even targets: the largest shift to either side, and the smallest
+distance.
+"""
 
 IN_STEP = 0.05
-"""Share of a wave's length: with so little more or less than whole waves from target to target ten
-increments see less than one slow wave of it.
+"""Share of a wave's length: with a smaller difference from whole waves between targets, ten
+increments show less than one slow wave of it.
 """
 
 POINTS = 350
@@ -44,7 +48,7 @@ class Volume:
     """A box cut in ``increments`` equal increments per axis.
 
     An axis that no setup travels has the size 0: the box is then a face or a line, and nothing is
-    known of this axis.
+    known about this axis.
     """
 
     origin_mm: tuple[float, float, float]
@@ -76,7 +80,7 @@ class Volume:
 
     @property
     def tolerance_mm(self) -> Vector:
-        """Return how far beside its target a stop may lie in each axis, shape (3,)."""
+        """Return the largest distance of a stop from its target in each axis, shape (3,)."""
         return position_tolerance_mm(self.step_mm)
 
     def nodes_mm(self, axis: int) -> Vector:
@@ -86,8 +90,9 @@ class Volume:
 
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
-    """Return how far beside its target a stop may lie where targets are ``step_mm`` apart, 0 for an
-    axis with one target, shape (k,)."""
+    """Return the largest distance of a stop from its target where targets are ``step_mm`` apart, 0
+    for an axis with one target, shape (k,).
+    """
     tolerance: Vector = (
         np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf))
         + ROUNDING_MM
@@ -96,8 +101,8 @@ def position_tolerance_mm(step_mm: Vector) -> Vector:
 
 
 def reads_like_metres(size_mm: Iterable[float]) -> bool:
-    """Return whether lengths in mm are so small that they were written in metres: no machine tool
-    has less than a centimetre.
+    """Return whether lengths in mm are so small that their unit must be metres: no machine tool has
+    less than a centimetre.
     """
     return max(size_mm) < SHORTEST_MACHINE_MM
 
@@ -126,11 +131,11 @@ def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
 
 def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
     """Return about ``count`` targets along an axis, ascending: the nodes, and between them places
-    in no step with anything periodic.
+    that do not coincide with any period.
 
     ISO 230-2 requires P_i = (i - 1) p + r with another r at each target; r is a fraction of p
-    within `BESIDE_EVEN`, the golden ratio's multiples, so that every program of a survey has the
-    same. In hundredths of a millimetre, and not closer than `CLOSEST_MM`.
+    within `BESIDE_EVEN`, from the multiples of the golden ratio, so that every program of a survey
+    has the same targets. In hundredths of a millimetre, and not closer than `CLOSEST_MM`.
     """
     nodes, step_mm = volume.nodes_mm(axis), float(volume.step_mm[axis])
     parts = max(min(round(count / volume.increments), int(step_mm / CLOSEST_MM)), 1)
@@ -143,15 +148,16 @@ def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
 
 
 def in_step(step_mm: float, pitch_mm: float) -> bool:
-    """Return whether targets meet a wave of one or of half a pitch always in the same place, within
-    a twentieth of its length."""
+    """Return whether targets meet a wave of one or of half a pitch always at the same phase, within
+    a twentieth of its length.
+    """
     turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
     return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)
 
 
 def anywhere_mm(volume: Volume) -> Vector:
-    """Return `POINTS` points spread evenly over the volume and in no step with the targets, shape
-    (points, 3): wherever a tool may go.
+    """Return `POINTS` points spread evenly over the volume and not in phase with the targets, shape
+    (points, 3): possible places of a tool.
 
     A Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
     """

@@ -2,10 +2,9 @@
 which ``stepdiag[certificate]`` brings.
 
 Chromium embeds every font, encrypts nothing and writes no script. A print lacks three parts of
-PDF/A: the profile of its colours (sRGB), the metadata that name part and level, and the relation of
-the attachment. No date of the printing stays in it, so that the same report and certificate give
-the same bytes. Source: ISO 19005-3 from public sources, not checked against the text of the
-standard.
+PDF/A: the profile of its colours (sRGB), the metadata that state part and level, and the relation
+of the attachment. The date of printing is removed, so that the same report and certificate give the
+same bytes. Source: ISO 19005-3 from public sources, not checked against the text of the standard.
 """
 
 import io
@@ -17,7 +16,7 @@ from stepdiag.base.messages import message
 
 _ENDED = re.compile(rb"<dcc:endPerformanceDate>(\d{4})-(\d\d)-(\d\d)<")
 _NODE = re.compile(rb"\(node(\d{8})\)")
-"""Names of cells in chromium's tags: numbers that a new print may begin elsewhere."""
+"""Names of cells in chromium's tags: numbers that may begin elsewhere in a new print."""
 _PROFILE_DATE = slice(24, 36)
 """Bytes of an ICC profile that state its date."""
 

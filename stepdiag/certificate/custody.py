@@ -59,7 +59,7 @@ READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
 ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
 """Roles that a certificate names once at most."""
 PERSONS = {name.partition(".")[0]: name for name in WORDS}
-"""Roles of what stands beside logs: words of persons, and of the solver."""
+"""Roles of the files beside logs: statements of persons, and of the solver."""
 AS_LEFT = "_as_left"
 NAMES_ITS_RESULT = "EXPORT_REPORT.txt"
 """A file of an export that names the SHA-256 of its result."""
@@ -70,16 +70,16 @@ MOST_FILES = 20_000
 
 @dataclass(frozen=True, slots=True)
 class BrokenLinkError(Exception):
-    """A link that does not hold."""
+    """A link that is broken."""
 
     link: Message
 
 
 class Verified(NamedTuple):
     """The outcome for a certificate: number of valid links and figures, and the first broken link,
-    None if all hold.
+    None if all are valid.
 
-    ``signed``: it has a signature, which is not checked here.
+    ``signed``: it has a signature, which this check does not test.
     """
 
     links: int
@@ -99,7 +99,7 @@ def links_of(
     file, and ``files``.
 
     Raises DataError for an export of another result or with a changed file, and for a report that
-    does not follow from all these.
+    does not follow from all these sources.
     """
     found = [
         (RESULT, result.name, sha256_of(result)),
@@ -163,10 +163,9 @@ def accepted_in(folder: Path) -> list[str]:
 
 
 def verify_certificate(certificate: Path, *folders: Path) -> Verified:
-    """Return whether a certificate follows from what stands in folders, and the first link that
-    does not hold.
+    """Return whether a certificate follows from the files in folders, and the first broken link.
 
-    Raises DataError for a file that is no certificate.
+    Raises DataError for a file that is not a certificate.
     """
     data = read_bytes(certificate)
     root = parsed(data, certificate.name)
@@ -184,11 +183,11 @@ def verify_certificate(certificate: Path, *folders: Path) -> Verified:
 
 
 def verify_archived(archived: Path, *folders: Path) -> Verified:
-    """Return what `verify_certificate` does of the certificate in a PDF, and whether its pages are
-    the print of the report.
+    """Return the outcome of `verify_certificate` for the certificate in a PDF, and whether its
+    pages are the print of the report.
 
-    The report is printed again: another browser draws other bytes, and is named. Raises DataError
-    for a PDF without a certificate, DeviceError without a browser.
+    The report is printed again; another browser gives other bytes, and the finding names it. Raises
+    DataError for a PDF without a certificate, DeviceError without a browser.
     """
     data = read_bytes(archived)
     name, certificate, printer = attached_in(data, archived.name)
@@ -218,8 +217,9 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
 
 
 def parsed(data: bytes, name: str) -> ET.Element:
-    """Return the tree of a certificate. Raises DataError for another file; a document type, which
-    may hide entities, is refused."""
+    """Return the tree of a certificate. Raises DataError for another file; a document type is
+    refused, because it may hide entities.
+    """
     try:
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise ET.ParseError("a document type")
@@ -248,8 +248,9 @@ def custody_of(root: ET.Element) -> list[Link]:
 
 
 def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
-    """Return where each link stands in the folders. Raises BrokenLinkError for the first that does
-    not."""
+    """Return the place of each link in the folders. Raises BrokenLinkError for the first link
+    without a place.
+    """
     # a copy below, such as that of a replay, stands behind what it was copied from
     found = sorted(
         (path for folder in folders for path in folder.rglob("*")),
@@ -294,8 +295,9 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
 
 
 def _named_here_alone(role: str) -> bool:
-    """Return whether the certificate alone names a thing, so that its name is checked; the result
-    names its own sources."""
+    """Return whether only the certificate names a thing, so that its name is checked; the result
+    names its own sources.
+    """
     return role in ONCE or role.removesuffix(AS_LEFT) in {*PERSONS, FILE, REPORT}
 
 
@@ -373,14 +375,15 @@ def _listed(sums: Path) -> dict[str, str]:
 
 
 def _canonical(data: bytes) -> str:
-    """Return a certificate in the canonical form of XML, without signatures: a signature costs the
-    bytes, remarks stay."""
+    """Return a certificate in the canonical form of XML, without signatures: a signature changes
+    the bytes, but not the remarks.
+    """
     return ET.canonicalize(from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE])
 
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
-    """Return the result as it is solved again from its sources. Raises BrokenLinkError for other
-    files or other contents.
+    """Return the result solved again from its sources. Raises BrokenLinkError for other files or
+    other contents.
     """
     data = read_bytes(path)
     result = parse_result(
@@ -406,7 +409,7 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
 
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
-    """Yield the sources of the result, or of that as left."""
+    """Yield the sources of the result, or of the result as left."""
     for link in links:
         role = link[0].removesuffix(AS_LEFT)
         if role not in {*ONCE, *PERSONS, FILE, REPORT} and link[0].endswith(AS_LEFT) == bool(

@@ -1,5 +1,5 @@
-"""From a result to its certificate: PTB's DCC 3.3.0. Null values of the result are not in it; a
-value that is not stated is "not stated".
+"""From a result to its certificate: PTB's DCC 3.3.0. Null values of the result are left out; for a
+missing statement the certificate shows "not stated".
 
 The schema has no vocabulary for geometric errors: ``machineTool_EXX`` and so on are symbols of ISO
 230-1, defined in the document.
@@ -73,7 +73,7 @@ def certificate_of(
     ``custody`` names every source by its SHA-256, ``left`` is the result of the survey after
     loading, ``accepted`` are the accepted findings, with name and reason. Raises DataError if
     neither result nor file states the time of the measurement (required by the schema), and if
-    ``left`` is of another machine, another volume or an earlier day.
+    ``left`` is from another machine, another volume or an earlier day.
     """
     if left is not None:
         _require_later(result, left)
@@ -238,8 +238,9 @@ def _contact(name: str, place: Place, known: str = "") -> ET.Element:
 
 
 def _statement(one: Judged, state: str) -> ET.Element:
-    """Return the statement of conformity about one figure; undecided ones by ILAC-G8: conditional
-    by the side on which the value lies."""
+    """Return the statement of conformity about one figure; an undecided one by ILAC-G8, conditional
+    by the side of its value.
+    """
     name = {
         language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}"
         for language in LANGUAGES

@@ -11,7 +11,7 @@ DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 VERSION = "3.3.0"
 K, P = "2", "0.95"
 Words = Mapping[Language, str] | str
-"""A text, or one a language."""
+"""A text, or a text per language."""
 ET.register_namespace("dcc", DCC)
 ET.register_namespace("si", SI)
 
@@ -64,8 +64,8 @@ def real(figure: Figure) -> ET.Element:
 
 
 def _covariance(figure: Figure) -> ET.Element:
-    """Return the covariance of a list with the factor of its rectangular region: all values lie
-    within k u at once with P at least.
+    """Return the covariance of a list with the factor of its rectangular region: with a probability
+    of at least P, all values are within k u at once.
 
     Source: JCGM 102:2011, 7.7.3 (Bonferroni): k of a normal distribution for P = 1 - 0.05 / n.
     """
@@ -133,7 +133,7 @@ def sha256(name: str, referral: str, identity: str, value: str) -> ET.Element:
 
 
 def note(name: str, text: str, refers: str) -> ET.Element:
-    """Return a quantity that is a text."""
+    """Return a quantity with a text as its value."""
     return element("quantity", words("name", name), words("noQuantity", text), refType=refers)
 
 

@@ -1,4 +1,4 @@
-"""The figures of a result in SI, each with its name, U and unit: the only table behind the
+"""The figures of a result in SI, each with its name, U and unit: the only source of figures for the
 certificate.
 """
 
@@ -47,9 +47,10 @@ COVARIANCE_DECIMALS = 6
 
 
 class Figure(NamedTuple):
-    """A quantity: its name and refType, numbers as they are written, their U (k = 2), the positions
-    in metres, and the covariance of the numbers (k = 1) column by column, in the square of the
-    unit."""
+    """A quantity: its name and refType, numbers in their written form, their U (k = 2), the
+    positions in metres, and the covariance of the numbers (k = 1) column by column, in the square
+    of the unit.
+    """
 
     name: str
     refers: str
@@ -61,7 +62,7 @@ class Figure(NamedTuple):
 
 
 def written(value: float, power: int) -> str:
-    """Return a number times a power of ten, exact, as the schema has it."""
+    """Return a number times a power of ten, exact, in the form of the schema."""
     scaled = Decimal(repr(float(value))).scaleb(power).normalize()
     if not scaled:
         return "0"
@@ -136,9 +137,9 @@ def figures_of(result: Result) -> Iterator[Figure]:
 
 def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the covariance of quantities, as written in SI: correlations of the posterior times
-    the u that the result states.
+    the u stated in the result.
 
-    Nothing where the posterior stands at other positions than the values, or a u is missing.
+    None where the posterior has other positions than the values, or a u is missing.
     """
     deviations = {} if result.posterior is None else result.posterior.deviations()
     if not names or not set(names) <= deviations.keys():

@@ -1,5 +1,6 @@
-"""The report beside a certificate: rendered again from what the certificate names, and compared to
-the byte."""
+"""The report beside a certificate: rendered again from the sources in the certificate, and compared
+byte by byte.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -23,8 +24,9 @@ ROLES = {
 
 
 def is_rendered(name: str) -> bool:
-    """Return whether a report is a document that must be rendered again: any but a print, which is
-    known by its hash alone."""
+    """Return whether a report is a document that must be rendered again: any report but a print,
+    which only its hash identifies.
+    """
     return Path(name).suffix.lower() != ".pdf"
 
 
@@ -53,6 +55,6 @@ def follows(
 
 
 def language_of(text: str) -> Language:
-    """Return the language of a report; English where it names none of ours."""
+    """Return the language of a report; English for an unknown language."""
     found = _LANGUAGE.match(text)
     return next((one for one in LANGUAGES if found is not None and one == found[1]), "en")

@@ -22,8 +22,9 @@ def _library() -> Any:
 
 
 def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
-    """Return a certificate with a signature in it. Raises UsageError where the library or a file is
-    missing, or the key is none."""
+    """Return a certificate with a signature added. Raises UsageError where the library or a file is
+    missing, or the key is invalid.
+    """
     signxml = _library()
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
@@ -44,7 +45,8 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
 
 def require_signature(certificate: Path, key_certificate: Path) -> None:
     """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or is
-    none."""
+    not a certificate.
+    """
     signxml = _library()
     from cryptography import x509
     from cryptography.exceptions import InvalidSignature

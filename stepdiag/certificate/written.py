@@ -1,5 +1,6 @@
-"""A certificate as a file: what it rests on is named by its SHA-256, the signature and the print
-for the archive are added."""
+"""A certificate as a file: its sources are named with their SHA-256, and the signature and the
+print for the archive are added.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from stepdiag.report.output import printed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """Further sources of a certificate beside its result: files of exports, the laboratory's file,
+    """Further sources of a certificate besides its result: files of exports, the laboratory's file,
     the report with its settings, the result as left; and the key of the signature with its X.509
     certificate.
     """
@@ -36,10 +37,10 @@ class Beside:
 def write_certificate(
     result: Path, found: Result, out: Path, beside: Beside, pdf: Path | None = None
 ) -> int:
-    """Write the certificate of a result's file and of the result ``found`` in it, with ``pdf`` the
-    report's print with the certificate in it; return the number of its sources.
+    """Write the certificate of a result's file and of the result ``found`` in it, with ``pdf`` also
+    the report's print with the certificate attached; return the number of its sources.
 
-    Raises UsageError for an existing file in its place, DataError for files that do not belong to
+    Raises UsageError for an existing file at its path, DataError for files that do not belong to
     the result.
     """
     named = ((REPORT, beside.report), (LETTERHEAD, beside.letterhead), (PROFILE, beside.profile))

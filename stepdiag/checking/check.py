@@ -1,4 +1,4 @@
-"""The data of a survey's links during a watch: counted, decoded, the last of each kept."""
+"""The data of a survey's links during a watch: counted, decoded, the last value of each kept."""
 
 import asyncio
 from collections import Counter
@@ -19,7 +19,7 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
 
 LOOK_S = 0.25
-"""Period in s of the watch's looks at the links."""
+"""Period in s in which the watch examines the links."""
 NS = 1e-9
 
 
@@ -115,7 +115,7 @@ class MachineSeen:
     _first_ns: int = 0
 
     def take(self, block: ModbusBlock) -> None:
-        """Take the answer to a poll."""
+        """Process the answer to a poll."""
         self._first_ns = self._first_ns or block.send_ns
         self.heard_s = (block.recv_ns - self._first_ns) * NS
         self.slowest_s = max(self.slowest_s, (block.recv_ns - block.send_ns) * NS)
@@ -139,8 +139,9 @@ class MachineSeen:
 
 
 class Observation:
-    """Laser, machine and, where there are such, the 4-DOF head and the sensor of air, as they show
-    themselves."""
+    """The present data of laser, machine and, if configured, the 4-DOF head and the sensor of
+    air.
+    """
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey
@@ -189,10 +190,10 @@ class Observation:
 
 
 async def watch(observation: Observation, seconds: float, show: Callable[[], None]) -> None:
-    """Keep the links of the survey for some seconds and gather what they bring; ``show`` is called
+    """Keep the links of the survey open for some seconds and collect their data; ``show`` is called
     a few times a second.
 
-    Nothing is ever written to the machine. Raises only for a fault of this program.
+    The watch never writes to the machine. Raises an error only for a fault of this program.
     """
     survey_links = SurveyLinks(observation.survey, observation.take)
     observation.named(survey_links.statuses())

@@ -2,7 +2,7 @@
 remedies.
 
 An error means that no survey can be recorded in this state; a warning that the operator has to
-look; a note that a check is not possible yet.
+inspect something; a note that a check is not possible yet.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from stepdiag.daq.timing.samples import Flag
 HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
 JUDGED_AFTER_S = 2.5
-"""Time in s for a change or an arrival before its absence counts."""
+"""Time in s for a change or an arrival, after which its absence is reported."""
 GARBAGE_SHARE = 0.01
 RATE_SHARE = 0.05
 POLL_SHARE = 0.8
@@ -92,7 +92,7 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
-    """Return the finding of a condition that the instrument should measure and does not: a warning
+    """Return the finding of a condition that the instrument should measure but does not: a warning
     if no reading depends on it.
     """
     if seen.survey.air_sensor is not None:
@@ -103,13 +103,13 @@ def _missing_condition(seen: Observation, name: str) -> Finding:
 
 
 def _senseless(stream: StreamSeen) -> Message:
-    """Return the bytes of a stream that are no samples, in words."""
+    """Return in words the bytes of a stream that are not samples."""
     remark = stream.remarks.get("garbage") or stream.remarks.get("device") or ""
     return senseless(STREAMS[stream.link.name], stream.heard, stream.byte_count, remark)
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
-    """Yield the findings about an instrument that is understood."""
+    """Yield the findings about an instrument whose bytes give readings."""
     name, counts = STREAMS[stream.link.name], stream.counts
     if counts["garbage"] > GARBAGE_SHARE * stream.samples:
         why = stream.remarks["garbage"]
@@ -197,8 +197,8 @@ def _machine(
 
 
 def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
-    """Yield contradictions of the register map, and the losses by absent signals; ``air`` comes
-    from the laser itself.
+    """Yield contradictions of the register map, and the checks that absent signals exclude; ``air``
+    comes from the laser itself.
     """
     why = machine.link.detail
     for name in plc.signal_names:
@@ -259,7 +259,7 @@ def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
 
 
 def _absent(link: LinkSeen, seconds: float) -> Finding:
-    """Return the finding for a link that never gave anything, open or not."""
+    """Return the finding for a link that never delivered data, open or not."""
     if link.state == "connected":
         words = message("check-nothing-came", link=link.detail or link.address, seconds_s=seconds)
         return finding("error", words, code=f"{link.name}-silent")
@@ -273,7 +273,7 @@ def _absent(link: LinkSeen, seconds: float) -> Finding:
 
 
 def _lasting(link: LinkSeen) -> Iterator[Finding]:
-    """Yield the faults of a link that was there."""
+    """Yield the faults of a link that was open."""
     if link.state in ("lost", "silent"):
         yield finding("error", message("check-gone", why=link.detail), code=f"{link.name}-silent")
     elif link.losses:

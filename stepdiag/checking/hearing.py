@@ -1,7 +1,7 @@
 """Recognition of instruments and controls: listening to a port until an instrument is recognised,
-asking a host in every protocol of a control.
+and querying a host in every protocol of a control.
 
-Nothing is written to a machine. A polled instrument is asked for a reading.
+Nothing is written to a machine. A polled instrument receives a request for a reading.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ _SPEAKERS: dict[str, FormatSettings] = {
 
 @dataclass(frozen=True, slots=True)
 class PortSeen:
-    """A serial port of this computer and what its adapter calls itself."""
+    """A serial port of this computer and the name of its adapter."""
 
     name: str
     words: str
@@ -64,7 +64,9 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """The answer of a host in the protocol of a control: its signals, or the reason for none."""
+    """The answer of a host in the protocol of a control: its signals, or the reason for their
+    absence.
+    """
 
     control: str
     signals: Signals | None
@@ -79,8 +81,9 @@ def ports() -> list[PortSeen]:
 
 
 async def listen(port: str, baud: int, seconds: float) -> Heard:
-    """Listen on a port until an instrument is recognised; ``baud`` 0 stands for the usual ones,
-    ``seconds`` for each way of listening."""
+    """Listen on a port until an instrument is recognised; ``baud`` 0 means the usual rates,
+    ``seconds`` is the time for each way of listening.
+    """
     last = Heard("", baud, b"")
     for name, rate in _ways(port, baud):
         last = await _heard(port, name, rate, seconds, last)
@@ -90,11 +93,12 @@ async def listen(port: str, baud: int, seconds: float) -> Heard:
 
 
 async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> list[Answered]:
-    """Ask a host for the signals of ``controls``, protocol after protocol; ``tcp_port`` 0 stands
-    for the usual ports.
+    """Query a host for the signals of ``controls``, one protocol after another; ``tcp_port`` 0
+    means the usual ports.
 
-    (Not at once: loading a library holds up the loop, and an answer meanwhile would count as late.)
-    A named port has a single protocol: the first control that answers there is the last asked.
+    (Not at once: loading a library stops the loop, and an answer meanwhile would count as late.) A
+    named port has a single protocol: after the first control that answers there, no other is
+    queried.
     """
     answered: list[Answered] = []
     for control in controls:

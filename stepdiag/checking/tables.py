@@ -84,7 +84,7 @@ def _number(value: float | None, decimals: int, unit: str = "") -> str:
 
 
 def check_json(seen: Observation) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the same table for programs."""
     return {
         "seconds": round(seen.seconds, 3),
         **{stream.link.name: _stream_json(stream) for stream in seen.streams},

@@ -47,5 +47,6 @@ LINUX_ONLY = frozenset(
         "stream",
     }
 )
-"""Commands that reach wires or a recorder, or confine what is open to the network: they use what
-Linux alone has."""
+"""Commands that use ports or a recorder, or that confine services open to the network: they need
+functions that only Linux has.
+"""

@@ -1,5 +1,4 @@
-"""``stepdiag accept``: a person's word that what is doubted of a survey may be used all the
-same."""
+"""``stepdiag accept``: a person's statement that doubted readings of a survey may be used."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,7 +24,7 @@ def accept(
     name: str = "",
     begun: str | None = None,
 ) -> None:
-    """Accept what is doubted, or state the time of a survey."""
+    """Accept doubted readings, or state the time of a survey."""
     import getpass
     import time
 
@@ -68,8 +67,9 @@ def accept(
 
 
 def _moment(text: str | None) -> "datetime":
-    """Return the time that a person states, in UTC. Raises UsageError for none, and for one before
-    this program was built."""
+    """Return the time that a person states, in UTC. Raises UsageError without such a time, and for
+    a time before the build of this program.
+    """
     from datetime import UTC, datetime
 
     from stepdiag.base.errors import UsageError

@@ -1,4 +1,4 @@
-"""``stepdiag next``: what to drive next in a survey that is under way, and when to stop."""
+"""``stepdiag next``: the next pass of a survey that is under way, and the end of the survey."""
 
 from pathlib import Path
 from typing import Annotated

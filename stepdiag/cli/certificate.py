@@ -79,8 +79,8 @@ def certify_folder(folder: Path) -> Path:
     its path.
 
     The certificate names the files of every export, and a report of its own (``certificate.html``)
-    with the laboratory's file; ``laboratory.toml`` stands in the folder of the survey or above, if
-    any. An existing certificate stays: the next has a number.
+    with the laboratory's file; ``laboratory.toml`` is in the folder of the survey or above, if it
+    exists. An existing certificate is kept: the next one gets a number.
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.result.result import result_in
@@ -114,8 +114,8 @@ def certify_folder(folder: Path) -> Path:
 
 
 def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -> None:
-    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5
-    where one does not.
+    """Compute a certificate again and name the first broken link. Ends with exit code 5 for a
+    broken link.
 
     ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
     """

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from stepdiag.checking.check import Observation
 
 NOT_REACHED = 4
-"""The exit code for a device that cannot be reached or does not make sense (contract 5)."""
+"""The exit code for a device that cannot be reached or sends data that cannot be decoded (contract
+5).
+"""
 
 
 def register(app: typer.Typer) -> None:
@@ -59,8 +61,9 @@ def check(
 
 
 def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
-    """Watch the links; live on a terminal, one table at the end elsewhere, none where ``quiet``.
-    Ctrl-C ends the watch, not the check."""
+    """Watch the links; live on a terminal, otherwise one table at the end, or none if ``quiet``.
+    Ctrl-C ends the watch, not the check.
+    """
     import asyncio
     import logging
     from contextlib import suppress

@@ -1,4 +1,4 @@
-"""The shell's suggestions on Tab, and the names in the help: words that must cost no import."""
+"""The shell's suggestions on Tab, and the names in the help: texts without any import."""
 
 from typing import Annotated
 
@@ -16,46 +16,47 @@ TABLES = (
     "fagor",
     "neutral",
 )
-"""The controls that tables are written for: the names of
-`stepdiag.exporters.profiles.registry.CONTROLLERS`."""
+"""The controls for which tables can be written: the names of
+`stepdiag.exporters.profiles.registry.CONTROLLERS`.
+"""
 FIELDS = ("lattice", "etalon")
 """Further outputs of ``export``: correction vectors of the whole volume, and the Etalon Exchange
 format.
 """
 PROGRAMS = ("siemens", "fanuc", "heidenhain", "linuxcnc")
-"""The controls that programs are written for."""
+"""The controls for which programs can be written."""
 LANGUAGES = ("en", "de")
 STREAMS = ("laser", "head", "air")
 DECODED = ("csv", "parquet", "mcap")
 
 
 def tables(begun: str) -> list[str]:
-    """Return the controls whose name begins so."""
+    """Return the controls whose name has this beginning."""
     return _beginning(TABLES, begun)
 
 
 def exported(begun: str) -> list[str]:
-    """Return the formats of ``export`` whose name begins so."""
+    """Return the formats of ``export`` whose name has this beginning."""
     return _beginning((*TABLES, *FIELDS), begun)
 
 
 def programs(begun: str) -> list[str]:
-    """Return the controls with programs whose name begins so."""
+    """Return the controls with programs whose name has this beginning."""
     return _beginning(PROGRAMS, begun)
 
 
 def languages(begun: str) -> list[str]:
-    """Return the languages whose name begins so."""
+    """Return the languages whose name has this beginning."""
     return _beginning(LANGUAGES, begun)
 
 
 def streams(begun: str) -> list[str]:
-    """Return the streams of a log whose name begins so."""
+    """Return the streams of a log whose name has this beginning."""
     return _beginning(STREAMS, begun)
 
 
 def decoded_formats(begun: str) -> list[str]:
-    """Return the formats of ``decode`` whose name begins so."""
+    """Return the formats of ``decode`` whose name has this beginning."""
     return _beginning(DECODED, begun)
 
 

@@ -1,5 +1,6 @@
-"""``stepdiag profile``, ``export`` and ``verify``: from a result to the files of a control, and
-what these files will do."""
+"""``stepdiag profile``, ``export`` and ``verify``: from a result to the files of a control, and the
+effect of these files.
+"""
 
 import json
 from pathlib import Path
@@ -92,7 +93,7 @@ def export(
 
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
-    """Print the accepted codes without a finding in the export: mistyped, or not needed."""
+    """Print the accepted codes that match no finding of the export: mistyped, or not needed."""
     if unused := [
         code for code in accept if not any(each.is_accepted([code]) for each in written.findings)
     ]:
@@ -100,7 +101,7 @@ def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
-    """Return the machine's profile for a control. Raises UsageError for a control that has none."""
+    """Return the machine's profile for a control. Raises UsageError for a control without one."""
     from stepdiag.exporters.profiles.file import load_profile
     from stepdiag.exporters.profiles.registry import controller_named
     from stepdiag.exporters.tables import lattice
@@ -160,7 +161,7 @@ def import_(
     chain: str = "",
     columns: Annotated[list[str] | None, typer.Option("--map")] = None,
 ) -> None:
-    """Take over what other software measured."""
+    """Read the measurements of other software."""
     if columns:
         from stepdiag.cli.runs import import_tables
 
@@ -248,7 +249,7 @@ def verify(
 
 
 def _refuse_both(before: list[Path] | None, read_back: list[Path] | None) -> None:
-    """Raise UsageError for files read out before loading beside files read out after it."""
+    """Raise UsageError for files read out before loading together with files read out after it."""
     if before and read_back:
         raise UsageError(
             "--before",
@@ -265,9 +266,10 @@ def _read_back(
     *,
     before: bool,
 ) -> "ReadBack | None":
-    """Return what the control holds against what was written, or ``before`` loading against the
-    machine's own files; None without files of it. Raises DataError for those of another
-    control."""
+    """Return the comparison of the control's contents with the written files, or, ``before``
+    loading, with the machine's own files; None without files of the control. Raises DataError for
+    files of another control.
+    """
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.profiles.file import quick_profile
     from stepdiag.exporters.safety.read_back import compare, compare_before
@@ -311,7 +313,8 @@ def _print_read_back(held: "ReadBack | None", *, before: bool) -> None:
 
 def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
     """Show straight diagonals against a result, where no files are to be judged. Raises UsageError
-    where there is neither."""
+    where neither exists.
+    """
     if read_back:
         raise UsageError(
             "--read-back",
@@ -340,12 +343,12 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
 
 
 def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
-    """Return the active files, and the names of the files left aside: notes for people, and restore
+    """Return the active files, and the names of the ignored files: notes for people, and restore
     files beside their originals.
 
-    A folder stands for the set that an export wrote into it; a file of no control that is not a
-    note stays, and is refused by its name. Raises DataError without a file for a control,
-    SafetyError for a changed set.
+    A folder means the set that an export wrote into it; a file that belongs to no control and is
+    not a note is refused by its name. Raises DataError without a file for a control, SafetyError
+    for a changed set.
     """
     from stepdiag.exporters.export.written import REPORT
     from stepdiag.exporters.files.naming import is_restore
@@ -400,7 +403,7 @@ def _verification_json(
 
 
 def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
-    """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
+    """Write the picture; ``drawn`` holds the same prediction at the drawn points."""
     from stepdiag.base.files import write_atomically
     from stepdiag.conclusion import reach_of
     from stepdiag.report.drawings.effect import SUFFIXES, TITLE, drawing_file, effect_drawing
@@ -444,7 +447,7 @@ def _print_verification(
 
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:
-    """Print the gaps of the prediction, and files that make the machine worse."""
+    """Print the gaps of the prediction, and the files that make the machine worse."""
     unknown: list[Words] = [
         message("scale-of", axis=axis)
         for axis, scale in measured.scale.items()

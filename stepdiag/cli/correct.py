@@ -1,4 +1,4 @@
-"""``stepdiag correct``: a corrected survey file applied to the logs that exist."""
+"""``stepdiag correct``: a corrected survey file applied to the existing logs."""
 
 from pathlib import Path
 from typing import Annotated

@@ -125,7 +125,7 @@ class _Watching:
         print_words(line)
 
     def pressed(self) -> str:
-        """Return the key that was pressed; the end of the input ends the demo."""
+        """Return the pressed key; the end of the input ends the demo."""
         from stepdiag.demo.live import END
 
         key = self._keys.pressed()

@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 
 @contextmanager
 def extra_needed(name: str) -> Iterator[None]:
-    """Name the missing extra if its library is missing."""
+    """Name the extra whose library is missing."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -163,8 +163,9 @@ def trend(
 
 
 def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
-    """Print what no series holds on standard error. Raises DataError where a table is damaged: the
-    other machines are shown before."""
+    """Print on standard error the quantities that no series contains. Raises DataError where a
+    table is damaged, after showing the other machines.
+    """
 
     for each in left_out:
         print_words(
@@ -218,7 +219,7 @@ def resolve(
     survey: Annotated[Path | None, typer.Option("--survey")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Solve every archived survey anew with this version."""
+    """Solve every archived survey again with this version."""
     with extra_needed("fleet"):
         from stepdiag.fleet import resolve as resolving
         from stepdiag.fleet.archive import refresh_index
@@ -270,8 +271,8 @@ def resolve(
 
 
 def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
-    """Return the named scheduler. Raises UsageError for a scheduler without TLS: it would run the
-    code of any client.
+    """Return the named scheduler. Raises UsageError for a scheduler without TLS, which would run
+    the code of any client.
     """
     from stepdiag.fleet.resolve import Scheduler
 
@@ -295,7 +296,7 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
 def _trends(
     address: str, machine: str, tolerances: list[str], software: str
 ) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
-    """Return the trends of a store, and what is left out."""
+    """Return the trends of a store, and the quantities left out."""
     from datetime import UTC, datetime
 
     with extra_needed("fleet"):

@@ -1,5 +1,6 @@
-"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live from its port or from what
-was recorded."""
+"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live from its port or from
+recordings.
+"""
 
 import json
 from pathlib import Path
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 Seconds = Annotated[float | None, typer.Option(min=0.1)]
 ALIGN_S, STABILITY_S = 3600.0, 960.0
-"""Recording times of a live head in s, if not stated."""
+"""Recording times of a live head in s, if the command states none."""
 
 commands = typer.Typer(no_args_is_help=True)
 

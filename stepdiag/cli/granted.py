@@ -1,4 +1,4 @@
-"""The assumptions behind U, beside every U that a command prints."""
+"""The assumptions behind U, printed with every U of a command."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 
 
 def say_granted(results: "Sequence[Result]") -> None:
-    """Print the sizes on which the uncertainties of results rest: once where they are the same,
-    else each under its file's name."""
+    """Print the assumed sizes behind the uncertainties of results: once if they are equal,
+    otherwise under the name of each file.
+    """
     from stepdiag.base.messages import message
     from stepdiag.base.result.basis import basis_of
 

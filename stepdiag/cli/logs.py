@@ -95,7 +95,7 @@ def decode(
 
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
-    """Have a file written under another name and rename it when whole."""
+    """Let the enclosed work write a file under another name, and rename it when it is complete."""
     from stepdiag.base.disk.part import part_of, publish_new
 
     with part_of(target) as folder:

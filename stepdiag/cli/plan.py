@@ -1,5 +1,5 @@
-"""``stepdiag plan``: the forecast of a survey and its time, before the machine moves; and
-worthwhile additions.
+"""``stepdiag plan``: the forecast of a survey and its time, before the drive; and useful
+additions.
 """
 
 import json
@@ -84,8 +84,9 @@ def _print_foreseen(survey: "Survey") -> None:
 
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:
-    """Write the advised survey into its file. Raises UsageError where nothing is advised, or the
-    survey cannot hold it."""
+    """Write the recommended survey into its file. Raises UsageError where no survey is recommended,
+    or the file cannot hold it.
+    """
     from stepdiag.base.files import read_text, write_atomically
     from stepdiag.daq.survey.amended import with_plan
 
@@ -112,8 +113,8 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
-    """Return a plan in the form of a survey file: repeats and return passes are a common setting
-    for all of its runs.
+    """Return a plan in the form of a survey file, where all runs share the setting of repeats and
+    return passes.
     """
     import msgspec
 
@@ -200,10 +201,10 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
-    """Return the slip that could hide in a diagonal in every second survey, from where on nearly
-    none does, and what the first makes.
+    """Return the slip that stays unnoticed on a diagonal in every second survey, the size from
+    which nearly none does, and the effect of the first.
 
-    Nothing of a plan without diagonals: there it is not worked out.
+    None for a plan without diagonals.
     """
     unseen = ahead.unseen
     if unseen is None:

@@ -1,4 +1,6 @@
-"""``stepdiag proof``: ten minutes after loading, a diagonal and a line, judged table by table."""
+"""``stepdiag proof``: ten minutes of driving after loading, a diagonal and a line, judged table by
+table.
+"""
 
 import json
 from pathlib import Path
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 MINUTES = 10.0
 EXIT_CODES = {"keep": 0, "restore": JUDGED_WRONG, "undecided": UNDECIDED}
-"""Contract 5: a file judged wrong, and data that do not support the request."""
+"""Exit codes of contract 5: a file judged wrong, and data that do not support the request."""
 
 
 def register(app: typer.Typer) -> None:
@@ -156,7 +158,7 @@ def _print_plan(plan: "ProofPlan") -> None:
 
 
 def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
-    """Print the verdict on a proof run. Raises UsageError before its last pass is in."""
+    """Print the verdict on a proof run. Raises UsageError before its last pass is complete."""
     from stepdiag.base.files import read_bytes
     from stepdiag.base.readings.readings import parse_readings
     from stepdiag.completion.proof import action_words, loaded_in, proof_of, sign_records, words_of

@@ -1,5 +1,6 @@
-"""``stepdiag publish``: state, findings and result of a survey to other programs (extras
-``stepdiag[mqtt]``, ``stepdiag[opcua]``)."""
+"""``stepdiag publish``: state, findings and result of a survey for other programs (extras
+``stepdiag[mqtt]``, ``stepdiag[opcua]``).
+"""
 
 import json
 from pathlib import Path
@@ -158,7 +159,7 @@ def _who(
     file: Path, kind: str, user: str, password_file: str, whom: str, host: str, *, plain: bool
 ) -> tuple[str | None, str | None]:
     """Return user and password. Raises UsageError for a password without a user, and for a password
-    that others could read on the way.
+    that others could read on the network.
     """
     from stepdiag.page.settings import is_loopback, secret
 
@@ -177,7 +178,7 @@ def _who(
 
 
 def _refuse(option: str, **given: object) -> None:
-    """Raise UsageError for options that mean nothing beside another."""
+    """Raise UsageError for options without a meaning beside another option."""
     names = [f"--{name}" for name, value in given.items() if value]
     if names:
         raise UsageError(

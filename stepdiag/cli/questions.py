@@ -1,4 +1,4 @@
-"""Questions to a person on a terminal; every answer may be an option of the command instead."""
+"""Questions to a person on a terminal; each can be answered by an option of the command instead."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -34,8 +34,9 @@ def asked(
     understood: Callable[[str], Any],
     default: str | None = None,
 ) -> Any:
-    """Return an answer: the option's, or the person's, who is asked until it can be understood;
-    without a terminal the default."""
+    """Return an answer: from the option, or from the person, who is asked until the answer is
+    valid; without a terminal the default.
+    """
     import click
 
     if given is not None:
@@ -63,8 +64,7 @@ def asked(
 def machine_class_asked(
     name: str | None, feedback: str | None, pitch_mm: str | None
 ) -> "MachineClass":
-    """Return the class of the machine, its feedback and the pitch of its screws, which is not asked
-    for scales."""
+    """Return the class of the machine, its feedback and, for screws only, their pitch."""
     from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
     from stepdiag.daq.survey.composed import MachineClass
 

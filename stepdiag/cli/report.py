@@ -83,8 +83,9 @@ def _require_alike(before: "Result", after: "Result") -> None:
 
 
 def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
-    """Return what the survey after loading shows. Raises ``DataError`` where it is another
-    machine's or of another volume."""
+    """Return the result of the survey after loading. Raises ``DataError`` for another machine or
+    another volume.
+    """
     from stepdiag.conclusion import conclude
     from stepdiag.report.certificate import as_left
 
@@ -137,8 +138,9 @@ def read_result(path: Path, name: str = "") -> "Result":
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """Return the files' names, and as they were given where two have one name: every survey's
-    result is called result.json."""
+    """Return the files' names, or their paths as given where two names are equal: every survey's
+    result is called result.json.
+    """
     return [
         path.name if len({other.name for other in paths}) == len(paths) else str(path)
         for path in paths

@@ -1,4 +1,4 @@
-"""``stepdiag run``: the daemon, and what it starts when a survey is complete."""
+"""``stepdiag run``: the daemon, and the processes that it starts when a survey is complete."""
 
 from pathlib import Path
 from typing import Annotated
@@ -24,7 +24,7 @@ def run(file: Path, verbose: Annotated[bool, typer.Option("--verbose")] = False)
 
 
 def page(file: Path) -> None:
-    """Show a survey that a daemon records (what systemd starts for the page's first visitor)."""
+    """Show a survey that a daemon records (systemd starts this for the page's first visitor)."""
     from stepdiag.page.process import serve_activated
 
     serve_activated(file)
@@ -35,8 +35,9 @@ def complete(
     readings: Annotated[bool, typer.Option("--readings")] = False,
     certificate: Annotated[bool, typer.Option("--certificate")] = False,
 ) -> None:
-    """Solve a recorded survey, write result, controller files and report beside its logs (what
-    `run` starts)."""
+    """Solve a recorded survey, write result, controller files and report beside its logs (`run`
+    starts this).
+    """
     from stepdiag.daq.service.priority import lower_priority
 
     lower_priority()
@@ -73,8 +74,9 @@ def complete(
 
 
 def pack(folder: Path, max_gb: float) -> None:
-    """Pack the oldest finished surveys of a folder until it is within its budget (what `run`
-    starts)."""
+    """Pack the oldest finished surveys of a folder until it is within its limit of size (`run`
+    starts this).
+    """
     from stepdiag.daq.service.priority import lower_priority
 
     lower_priority()

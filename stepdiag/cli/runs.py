@@ -67,7 +67,8 @@ def rtl(
 
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
     """Return readings with the runs of these files added. Raises DataError or UsageError for a file
-    that is wrong or has no place."""
+    that is wrong or belongs to no setup.
+    """
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.rtl import parse_rtl, rtl_readings, with_runs
 
@@ -131,8 +132,9 @@ def print_compared(each: Compared) -> None:
 
 
 def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
-    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where
-    absent. Raises UsageError."""
+    """Return setup, file and a point of the line from ``[linear-x=]FILE.rtl[@X,Y,Z]``; absent parts
+    are empty. Raises UsageError.
+    """
     from stepdiag.base.names import LINEAR_RUNS
 
     rest, at, place = option.rpartition("@")

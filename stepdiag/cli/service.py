@@ -24,7 +24,9 @@ def register(app: typer.Typer) -> None:
 
 
 def install(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
-    """Write unit, rules, token and a drop-in that opens what the survey needs."""
+    """Write unit, rules, token, and a drop-in that opens the devices and addresses that the survey
+    needs.
+    """
     from stepdiag.daemon.installation import carry_out, plan_install
 
     steps = plan_install(file, root)
@@ -57,7 +59,7 @@ def publish(
     dry_run: DryRun = False,
     root: Path = Path("/"),
 ) -> None:
-    """Write a unit of its own for `stepdiag publish`, with few rights."""
+    """Write a separate unit for `stepdiag publish`, with few rights."""
     from stepdiag.base.errors import UsageError
     from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT
     from stepdiag.daemon.installation import carry_out
@@ -98,7 +100,7 @@ def publish(
 
 
 def remove(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
-    """Remove what `install` wrote; survey file, token and what was measured stay."""
+    """Remove the files of `install`; survey file, token and measurements stay."""
     from stepdiag.daemon.installation import carry_out, plan_removal
     from stepdiag.daemon.publication import plan_end
 

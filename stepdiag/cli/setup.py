@@ -45,7 +45,7 @@ def setup(
     pitch_mm: str | None = None,
     seconds: float = 3.0,
 ) -> None:
-    """Ask for a first survey, show what is there, write its file."""
+    """Ask the questions for a first survey, show the instruments found, write the survey file."""
     from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import Answers, composed, increments_for
 
@@ -98,7 +98,7 @@ def setup(
 
 
 def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tuple[str, str, int]:
-    """Return the laser's port, format and rate: asked for, listened to."""
+    """Return the laser's port, format and rate, from the answer or from listening."""
     from stepdiag.checking.hearing import listen, ports
 
     if port is None:
@@ -135,8 +135,8 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
-    """Return the control, its host and its TCP port (0: the usual port): asked for, probed in each
-    protocol or in the protocol of the named control.
+    """Return the control, its host and its TCP port (0: the usual port), from the answer or from
+    queries in each protocol, or in the protocol of the named control.
     """
     from stepdiag.daq.survey.controls import CONTROLS
 
@@ -187,8 +187,9 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
 
 
 def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Return what the work gives. The questions come once the loop runs: who answers them with
-    Ctrl-C ends it in good order."""
+    """Return the result of the work. The questions are asked while the loop runs, so that Ctrl-C
+    closes it properly.
+    """
     import asyncio
 
     async def asked_and_done() -> T:

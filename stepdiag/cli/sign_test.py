@@ -101,7 +101,7 @@ def signtest(
 
 
 def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path | None) -> None:
-    """Write the bump, what restores the control, and the steps of the test."""
+    """Write the bump, the restore files, and the steps of the test."""
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
@@ -114,7 +114,7 @@ def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path
 
 
 def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) -> str:
-    """Return the test as steps for the person who makes it."""
+    """Return the test as steps for the person who performs it."""
     from stepdiag.exporters.safety.sign_evidence import FEWEST
 
     moving, measured = test.function[2], test.function[1]

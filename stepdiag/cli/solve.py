@@ -27,7 +27,7 @@ MOST_TRIALS = 2_000_000
 CLOSED = ("least-squares", "wang2000")
 """Methods that take the readings alone."""
 DETAILS = frozenset({"unknown_usual", "unknown_slip_passes"})
-"""Sentences about what is not identified that `--verbose` and the report show."""
+"""Sentences about unidentified values, shown by `--verbose` and the report."""
 CHAIN = "FXYZ"
 """The default chain of readings."""
 
@@ -123,8 +123,9 @@ def solve(
 
 
 def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
-    """Return the conclusion of a result alone, as lines of a terminal; without ``verbose`` less of
-    what it rests on, so that it fits a screen."""
+    """Return the conclusion of a result as lines of a terminal; without ``verbose`` shortened, so
+    that it fits a screen.
+    """
     from stepdiag.conclusion import conclude, conclusion_document
 
     found = conclude(result)
@@ -144,7 +145,7 @@ def in_lines(document: "Mapping[str, Any]") -> list[str]:
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
-    """Raise UsageError for angles whose levers were compensated while measuring."""
+    """Raise UsageError for angles whose levers were compensated during the measurement."""
     from stepdiag.exporters.safety.levers import left_out
 
     found = left_out(active) if angles is not None else None
@@ -155,8 +156,8 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
-    """Return the result of logs. Raises UsageError for a file without the name of a log: readings
-    are a single file, named *.csv.
+    """Return the result of logs. Raises UsageError for a file that is not named like a log;
+    readings are a single file, named *.csv.
     """
     from stepdiag.base.files import read_text
     from stepdiag.completion.completion import replay_judged, solve_logs

@@ -1,5 +1,6 @@
-"""The options by which a person states, after a survey, whether a compensation was active while it
-was measured."""
+"""The options by which a person states, after a survey, whether a compensation was active during
+the measurement.
+"""
 
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ ActiveDate = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"])]
 
 
 def active_files(active: list[Path] | None) -> dict[str, bytes]:
-    """Return the files that a person hands over, by name."""
+    """Return the files given by a person, by name."""
     from stepdiag.base.files import LARGEST_TABLE_BYTES, read_bytes
 
     return {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active or []}
@@ -29,7 +30,7 @@ def with_compensation(
     """Return the result with the operator's statement of active files, and the hashes of these
     files.
 
-    Raises UsageError where the survey states it already, and where the answer is not whole.
+    Raises UsageError where the survey already states it, and for an incomplete answer.
     """
     from dataclasses import replace
 

@@ -1,5 +1,5 @@
 """``stepdiag status``: the state of a survey, from its logs alone; works beside a running daemon,
-and after a dead daemon.
+and after the daemon has ended.
 """
 
 import json
@@ -92,7 +92,7 @@ def _as_json(found: "Standing") -> dict[str, Any]:
 
 
 def _plain(value: object) -> Any:
-    """Return a struct for JSON: a message that stands where a text does is its English."""
+    """Return a struct for JSON, with messages as their English text."""
     import msgspec
 
     if isinstance(value, Message):
@@ -196,7 +196,7 @@ def _named(setup: str) -> Message:
 
 
 def _live(found: "Standing") -> "list[Words]":
-    """Return what the recorder receives and waits for, as lines; none where none runs."""
+    """Return the data and the pending events of the recorder, as lines; none without a recorder."""
     if found.live is None:
         return []
     links = {
@@ -222,7 +222,7 @@ def _live(found: "Standing") -> "list[Words]":
 
 
 def _doubted(found: "Standing") -> "list[Words]":
-    """Return every doubt in its words, unless a setup's line holds them, and after the doubts of a
+    """Return every doubt in words, except doubts in the line of a setup, and after the doubts of a
     place the command that accepts them.
     """
     from stepdiag.daq.passes.doubt import places_of

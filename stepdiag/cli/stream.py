@@ -1,4 +1,4 @@
-"""``stepdiag stream``: a setup that another program recorded becomes a log of the survey."""
+"""``stepdiag stream``: a setup recorded by another program becomes a log of the survey."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,7 +10,7 @@ from stepdiag.base.messages import message
 from stepdiag.terminal.viewer import print_words
 
 LARGEST_SERIES_BYTES = 400_000_000
-"""Fifty million positions: a quarter of an hour at 50 kHz."""
+"""Largest number of positions, fifty million: a quarter of an hour at 50 kHz."""
 
 
 def register(app: typer.Typer) -> None:
@@ -25,7 +25,7 @@ def stream(
     unit: Annotated[Literal["m", "mm", "um", "nm"], typer.Option()],
     began: datetime | None = None,
 ) -> None:
-    """Take over a recorded time series as the log of one setup."""
+    """Store a recorded time series as the log of one setup."""
     from stepdiag.base.files import as_text, read_bytes, read_text
     from stepdiag.daq.recording.rounds import FolderLock, latest_round
     from stepdiag.daq.recording.series import parse_csv_series, parse_rtx

@@ -1,4 +1,4 @@
-"""``stepdiag init``: a survey file to start from."""
+"""``stepdiag init``: writes a first survey file."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Two results or many: what changed by more than its uncertainty.
+"""Two results or more: the changes beyond their uncertainty.
 
 In: results. Out: changes and trends. Imported by `cli.report`.
 """

@@ -1,4 +1,4 @@
-"""The common check of results to be compared: required agreement, possible adaptation, and
+"""The common check of results before a comparison: required agreement, possible adaptation, and
 remarks.
 """
 
@@ -15,13 +15,13 @@ from stepdiag.daq.passes.survey_time import CODE as CLOCK
 from stepdiag.solver.model.effects import TURNING
 
 ALMOST = 0.01
-"""Of the shortest side: ends of two volumes that differ by less are the same."""
+"""Share of the shortest side: ends of two volumes that differ by less count as equal."""
 ALIKE = (*TURNING, "angle origin")
-"""Sources that are the same in two surveys of a machine: unmeasured angles are in both, and not in
-their difference.
+"""Sources that are equal in two surveys of a machine: unmeasured angles affect both, but not their
+difference.
 """
 OF_INSTRUMENTS = ("air",)
-"""Sources that are the same in two surveys by the same instruments: wavelength and air sensor."""
+"""Sources that are equal in two surveys with the same instruments: wavelength and air sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +66,9 @@ def standing_of(result: Result) -> Standing:
 
 
 def apart(one: Standing, other: Standing) -> Message | None:
-    """Return why two results are of different things, as far as both state it; None where they can
-    be held against each other."""
+    """Return why two results concern different things, if both state it; None where they can be
+    compared.
+    """
     if _differ(one.machine_serial, other.machine_serial):
         return message("differs-serial", expected=one.machine_serial, found=other.machine_serial)
     if _differ(one.chain, other.chain):
@@ -107,7 +108,7 @@ def same_volume(one: Standing, other: Standing) -> bool:
 
 
 def common_share(budget: Budget | None, name: str, *, same_instruments: bool) -> float:
-    """Return which share of a quantity's standard uncertainty all its surveys have in common; 0
+    """Return the share of a quantity's standard uncertainty that all its surveys have in common; 0
     without a budget.
     """
     if budget is None or budget.combined.get(name, 0.0) <= 0.0:

@@ -6,21 +6,22 @@ from statistics import NormalDist
 from typing import Literal
 
 Verdict = Literal["changed", "unchanged", "undecided"]
-"""Of one quantity: more than chance, no change of three U hidden, or neither."""
+"""Verdicts on one quantity: more than chance, no change of three U possible, or neither."""
 
 ERRS = 2 * (1 - NormalDist().cdf(2.0))
-"""Chance that an unchanged machine is reported as changed, over all its questions together: the
+"""Chance that an unchanged machine is reported as changed, for all its quantities together: the
 chance of k = 2, 4.6 %.
 """
 EXCLUDED = 3.1
-"""A change so many standard uncertainties above its estimate is excluded but for one in a
-thousand."""
+"""Number of standard uncertainties above its estimate beyond which a change is excluded, except for
+one in a thousand.
+"""
 DENIABLE = 3.0
-"""A change up to so many U may hide behind "unchanged"; a larger one must not."""
+"""Multiple of U up to which a change may be hidden behind "unchanged"; a larger one must not."""
 
 
 def coverage_factor(questions: int) -> float:
-    """Return the k beyond which one of so many independent differences lies as seldom as a single
+    """Return the k beyond which one of many independent differences lies as rarely as a single
     difference beyond k = 2 (Sidak).
     """
     single = 1 - (1 - ERRS) ** (1 / max(questions, 1))

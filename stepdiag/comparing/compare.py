@@ -1,4 +1,4 @@
-"""Results of a machine beside each other: its changes, and whether they exceed the uncertainty."""
+"""Comparison of results of a machine: its changes, and whether they exceed the uncertainty."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -51,14 +51,14 @@ class Change:
 
     @property
     def significant(self) -> bool | None:
-        """Return whether the change is more than chance; None where nothing decides it."""
+        """Return whether the change is more than chance; None where undecided."""
         return None if self.verdict is None else self.verdict == "changed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """All changes from one result to another, and the volumetric error of both over their common
-    volume (rms, rigid motion removed): by the functions, and as intervals at k = 2
+    volume (rms, rigid motion removed): from the functions, and as intervals at k = 2
     (`solver.result.prediction`). ``remarks``: further facts for the reader.
     """
 
@@ -95,7 +95,7 @@ def require_alike(before: Result, after: Result) -> None:
 
 
 def compare(before: Result, after: Result) -> Comparison:
-    """Return the changes; all quantities together are reported as changed by chance as seldom as a
+    """Return the changes; all quantities together are reported as changed by chance as rarely as a
     single quantity beyond k = 2.
 
     Raises ``DataError`` if the results are not of the same machine in the same state
@@ -117,8 +117,8 @@ def compare(before: Result, after: Result) -> Comparison:
 
 
 def require_same_volume(before: Result, after: Result) -> None:
-    """Raise ``DataError`` if a result covers another volume: in a smaller volume errors are smaller
-    without any gain.
+    """Raise ``DataError`` if a result covers another volume: in a smaller volume the errors are
+    smaller even without a change.
     """
     if not same_volume(standing_of(before), standing_of(after)):
         boxes = ((each.volume.origin_mm, each.volume.size_mm) for each in (before, after))
@@ -134,7 +134,7 @@ def require_same_volume(before: Result, after: Result) -> None:
 
 def _interval(result: Result, common: Volume) -> Interval:
     """Return the volumetric error as found: the result's own statement for its own volume, as in
-    report and page; drawn again for another.
+    report and page; for another volume it is drawn again.
     """
     if (
         result.predicted is not None
@@ -148,8 +148,9 @@ def _interval(result: Result, common: Volume) -> Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Asked:
-    """A change, and the differences behind it (shapes (nodes,)): ``u`` as far as the surveys do not
-    share it, and ``whole``."""
+    """A change, and the differences behind it (shapes (nodes,)): ``u`` is the part that the surveys
+    do not share, ``whole`` the complete uncertainty.
+    """
 
     change: Change
     steps: Vector = field(default_factory=lambda: np.zeros(0))
@@ -159,11 +160,11 @@ class _Asked:
 
 
 def _judged(before: Result, after: Result) -> tuple[Change, ...]:
-    """Return every change with its verdict: beyond the largest chance difference of all nodes and
-    numbers, or none larger than three U hides.
+    """Return every change with its verdict: changed if it exceeds the largest chance difference of
+    all nodes and numbers, unchanged if no change above three U is possible.
 
-    Surveys that scatter beyond U do so in all quantities: the median of their differences widens
-    each. Loading changes all of them, too.
+    Surveys with a scatter beyond U have it in all quantities, so the median of their differences
+    widens each. Loading tables changes all quantities, too.
     """
     asked = list(_changes(before, after))
     steps, u, whole = (
@@ -193,7 +194,7 @@ def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
 
 
 def _changes(before: Result, after: Result) -> Iterator[_Asked]:
-    """Yield every change; the largest of a function."""
+    """Yield every change; for a function the largest."""
     instruments = {standing_of(result).instruments for result in (before, after)}
     shares = partial(_shares, (before, after), same_instruments=len(instruments) == 1)
     for name, q in before.squareness.items():
@@ -217,8 +218,8 @@ def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> 
 
 
 def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
-    """Return the standard uncertainty of a difference whose sides have a common cause for the
-    shares ``alike``.
+    """Return the standard uncertainty of a difference; the shares ``alike`` of both sides have a
+    common cause.
     """
     own = [u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))]
     found: Vector = np.sqrt(own[0] ** 2 + own[1] ** 2 + (alike[1] * after - alike[0] * before) ** 2)
@@ -239,8 +240,8 @@ def _number_change(name: str, unit: str, before: Known, after: Known, alike: Sha
 
 
 def _function_change(name: str, before: Function, after: Function, alike: Shares) -> _Asked:
-    """Return the change at the node where it stands out most; of shapes if either is a shape
-    only.
+    """Return the change at the node where it is most significant; of shapes if either is only a
+    shape.
     """
     if before.value is None or after.value is None:
         return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
@@ -276,7 +277,8 @@ def _at_node(
 
 def _other_line(name: str, before: Function, after: Function) -> bool:
     """Return whether two straightnesses refer to different end points, so that only their shapes
-    over the common range compare."""
+    over the common range can be compared.
+    """
     same = np.allclose(before.position_mm[[0, -1]], after.position_mm[[0, -1]], atol=1e-6)
     return name in DISPLACEMENTS and name[1] != name[2] and not same
 
@@ -301,7 +303,7 @@ def _common_nodes(before: Function, after: Function) -> Vector:
 
 
 def _at(function: Function, values: Vector, nodes: Vector) -> Vector:
-    """Return a column at other nodes."""
+    """Return a column interpolated at other nodes."""
     at: Vector = np.interp(nodes, function.position_mm, values)
     return at
 

@@ -5,32 +5,32 @@ The figures of a quantity at N nodes in T surveys are
     y[t, n] = level[n] + sum_j a_j[n] g_j(t) + common[n] + e[t, n],      e ~ normal(0, u_own[t, n])
 
 - ``u_own`` is the own uncertainty of each survey: its combined uncertainty less the part common to
-  all surveys of the same instruments (unmeasured angles, wavelength, sensors). The common part
-  moves no figure against another; it returns when a figure is compared with a tolerance. A survey
-  by other instruments has a shared part of its own, which is added to its ``u_own``.
-- ``u_own`` is widened by the scatter beyond U of the whole machine, up to `LARGEST_SCATTER` times
-  u: the median of all differences between neighbouring surveys, less what ``u_own`` explains. A
-  change moves a single difference of a quantity, not their median.
-- ``g_j`` are courses: known breaks (loaded tables) stand in every model; a step between two
-  surveys, a line, a run-in 1 - exp(-t / tau), a season (sine and cosine of a year) are looked for.
-  A slope goes on through breaks and steps.
+  all surveys with the same instruments (unmeasured angles, wavelength, sensors). The common part
+  shifts all figures alike; it is added again when a figure is compared with a tolerance. A survey
+  with other instruments has another common part, which is added to its ``u_own``.
+- ``u_own`` is widened by the whole machine's scatter beyond U, up to `LARGEST_SCATTER` times u: the
+  median of all differences between neighbouring surveys, less the part explained by ``u_own``. A
+  change affects a single difference of a quantity, not their median.
+- ``g_j`` are courses: known breaks (loaded tables) are in every model; a step between two surveys,
+  a line, a run-in 1 - exp(-t / tau), a season (sine and cosine of a year) are searched. A slope
+  continues through breaks and steps.
 
-A course is accepted if its likelihood gain (twice its logarithm, chi-squared) at its best node is
-beyond the largest chance gain of all questions put to the machine (`stepdiag.comparing.chance`):
-nodes of all quantities times courses; steps at surveys that name an event are asked first and count
-as few. Courses compete by
+A course is accepted if its gain in likelihood (twice its logarithm, chi-squared) at its best node
+exceeds the largest chance gain of all questions about the machine (`stepdiag.comparing.chance`):
+nodes of all quantities times courses. Steps at surveys with a named event are tested first and
+count as few questions. Courses compete by
 
     log evidence = gain / 2 - log(number of courses of their kind)
 
-so the largest is taken first, and the search goes on behind it. Its share of the evidence of all
-courses is its probability: the interval of "since when" holds `HELD` of the steps', and a line has
-a day of leaving only where steps and run-ins have less than the rest. A season, which runs through
-any levels of two or three visits, is taken only if a step, or a line, has less than 1 - `HELD`
-beside it.
+so the largest is accepted first, and the search continues with the rest. Its share of the evidence
+of all courses is its probability: the interval of "since when" contains `HELD` of the steps'
+evidence, and a line has a day of leaving only where steps and run-ins have less than the rest. A
+season, which fits any levels of two or three visits, is accepted only if steps and lines have less
+than 1 - `HELD` of the evidence.
 
-Verdicts: "changed" for an accepted course; "unchanged" if none is accepted and a change of three U
-at any survey is excluded, also a change taken back before the next survey, which no step shows;
-else "undecided", with the number of further surveys that would decide.
+Verdicts: "changed" for an accepted course. "unchanged" if none is accepted and a change of three U
+is excluded at any survey, including a change that is reversed before the next survey, which no step
+shows. Otherwise "undecided", with the number of further surveys that would decide.
 """
 
 import math
@@ -50,18 +50,20 @@ Mask = NDArray[np.bool_]
 Kind = Literal["step", "line", "run-in", "season"]
 
 LARGEST_SCATTER = 3.0
-"""In u. Scatter above this is no scatter: such differences are changes, or U is wrong."""
+"""In u. Scatter above this is not scatter: such differences are changes, or U is wrong."""
 ENOUGH = 8
-"""Differences from which on their median is a scatter: it is known to a third then."""
+"""Number of differences from which their median gives a scatter, then known to a third."""
 HELD = 0.95
 MOST_COURSES = 5
-"""More changes than these in one quantity are named by their largest."""
+"""Largest number of changes named in one quantity; the largest are named."""
 RUN_INS = (0.1, 0.25, 0.5)
 """Time constants of a run-in as shares of the time observed: a longer one is a line."""
 TOO_ALIKE = 1e-9
-"""A course whose square beside the others is less than this share of the weights is one of them."""
+"""A course counts as a combination of the others if the square of its remainder is less than this
+share of the weights.
+"""
 SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
-"""A season is looked for if the surveys cover it with more figures than it has unknowns."""
+"""A season is searched if the surveys contain more figures than it has unknowns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,8 +91,8 @@ class Calendar:
     named: Mask
 
     def of(self, kept: Mask) -> "Calendar":
-        """Return the calendar of some of the surveys: an event before a survey left out counts
-        before the next.
+        """Return the calendar of some of the surveys: an event before an omitted survey belongs to
+        the next one.
         """
         if kept.all():
             return self
@@ -106,7 +108,7 @@ class Calendar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A course that was accepted. ``first`` and ``last``: the surveys between which it began;
+    """An accepted course. ``first`` and ``last``: the surveys between which it began;
     ``probability``: its share of the evidence.
 
     ``size`` and ``u`` (um, urad or um/m, a year for a line) hold at ``node``, where it stands out
@@ -154,8 +156,9 @@ class _Candidates:
 
 
 def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
-    """Return by how many u the surveys of a machine scatter beyond what each has for itself, 0 to
-    `LARGEST_SCATTER`."""
+    """Return the factor by which the surveys of a machine scatter beyond their own uncertainty, 0
+    to `LARGEST_SCATTER`.
+    """
     if not figures:
         return 0.0
     values, own, u = (
@@ -172,10 +175,10 @@ def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
 
 
 def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> float:
-    """Return by how many u differences scatter beyond their own standard uncertainty ``expected``;
-    ``whole`` is that of all of u.
+    """Return the factor by which differences scatter beyond their own standard uncertainty
+    ``expected``; ``whole`` is the uncertainty with all of u.
 
-    So many of the differences are ``independent``: nodes of one function go together.
+    ``independent`` is the number of independent differences: nodes of one function vary together.
     """
     if min(independent, len(steps)) < ENOUGH:
         return 0.0
@@ -206,7 +209,7 @@ def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]
 
 
 def _kept(figures: Figures) -> Mask:
-    """Return which surveys have the quantity with its uncertainty."""
+    """Return a mask of the surveys that have the quantity with its uncertainty."""
     finite = np.isfinite(figures.values + figures.u_own)
     kept: Mask = np.all(finite, axis=1)
     return kept
@@ -215,8 +218,8 @@ def _kept(figures: Figures) -> Mask:
 def _explained(
     figures: Sequence[Figures], calendar: Calendar, questions: int
 ) -> Iterator[Explained]:
-    """Yield the evolution of quantities of the same surveys: all are asked at once, then each with
-    an answer by itself.
+    """Yield the evolution of quantities of the same surveys: all are tested at once, then each with
+    an accepted course separately.
     """
     kept = _kept(figures[0])
     if np.count_nonzero(kept) < 2:
@@ -252,7 +255,9 @@ def _explained(
 
 
 def _base(days: Calendar) -> Array:
-    """Return the columns of every model: a level, and another from each known break on."""
+    """Return the columns common to every model: a level, and another level from each known break
+    on.
+    """
     count = np.arange(len(days.years))
     return np.column_stack(
         [np.ones(len(count)), *(count >= at for at in np.flatnonzero(days.broken))]
@@ -260,8 +265,8 @@ def _base(days: Calendar) -> Array:
 
 
 def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Array:
-    """Return the gain that each course has by chance as seldom as `ERRS` over all questions of both
-    rounds together.
+    """Return the gain that each course reaches by chance as rarely as `ERRS` over all questions of
+    both rounds together.
     """
     events = int(np.count_nonzero(days.named[1:]))
     first = np.array(
@@ -317,8 +322,9 @@ class _Search:
     questions: int
 
     def courses(self, gains: _Gains, surveys: NDArray[np.int64]) -> tuple[Course, ...]:
-        """Return the courses; ``gains`` beside the known breaks alone, ``surveys``: the numbers of
-        the kept ones among all."""
+        """Return the courses; ``gains`` are relative to the known breaks alone, ``surveys`` are the
+        numbers of the kept ones among all.
+        """
         taken: list[_Taken] = []
         while len(taken) < MOST_COURSES and (following := self._next(gains)) is not None:
             taken.append(following)
@@ -339,7 +345,7 @@ class _Search:
         return self.candidates.columns[:, number : number + width]
 
     def _next(self, gains: _Gains) -> _Taken | None:
-        """Return the course that explains most of what is left, None where chance does."""
+        """Return the course that explains most of the rest, None if chance explains the rest."""
         best = gains.gain.max(axis=1, initial=0.0)
         evidence = np.where(best > self.limits, best / 2 + self.candidates.log_prior, -np.inf)
         if not np.any(np.isfinite(evidence)):
@@ -362,7 +368,7 @@ class _Search:
         return _Taken(number=number, probability=float(alike.sum()), first=first, last=last)
 
     def _since(self, number: int, alike: Array) -> tuple[int, int]:
-        """Return the surveys between which the course began: the steps that together have `HELD` of
+        """Return the surveys between which the course began: between them, the steps have `HELD` of
         the evidence.
         """
         if self.candidates.kinds[number] != "step":
@@ -432,9 +438,9 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
 
 def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
     """Return the nodes at which a single survey may be off by `DENIABLE` U, shape (nodes,): a
-    change that was taken back, which no step shows.
+    change that was reversed, which no step shows.
 
-    The first and the last survey behind a known break are off by a step.
+    The first and the last survey after a known break may be off by a step.
     """
     found: Mask = np.zeros(values.shape[1], dtype=bool)
     for level in _base_levels(days):
@@ -462,8 +468,9 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
 
 
 def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Explained:
-    """Return "unchanged" where no change hides, else how many further surveys would decide: none of
-    them does of an earlier one alone."""
+    """Return "unchanged" where no change is possible unnoticed, else the number of further surveys
+    that would decide; none of them decides about an earlier one.
+    """
     if np.any(lone):
         return Explained(verdict="undecided", courses=())
     if not np.any(hidden):
@@ -504,8 +511,8 @@ def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> C
 
 
 def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int | None:
-    """Return the number of further surveys that find a step of this size, None for more than
-    ten.
+    """Return the number of further surveys after which a step of this size is found, None for more
+    than ten.
     """
     limit = NormalDist().inv_cdf(1 - ERRS / 2 / (questions * len(own)))
     before = np.sum(own[:at] ** -2.0)
@@ -518,7 +525,8 @@ def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int 
 
 def _candidates(calendar: Calendar) -> _Candidates:
     """Return the courses that T surveys can show: steps from two on, a line from four, run-ins and
-    seasons from six."""
+    seasons from six.
+    """
     years, count = calendar.years, len(calendar.years)
     kinds: list[Kind] = []
     columns: list[Array] = []
@@ -565,8 +573,9 @@ def waves_of(years: Array) -> tuple[Array, Array]:
 def _gains_beside_levels(
     values: Array, weights: Array, days: Calendar, candidates: _Candidates
 ) -> _Gains:
-    """Return what each course comes to beside the levels between known breaks: sums alone, since a
-    machine has thousands of these."""
+    """Return the gains of each course relative to the levels between known breaks, computed from
+    sums, because a machine has thousands of courses.
+    """
     columns = candidates.columns
     pair = candidates.kinds.index("season") if "season" in candidates.kinds else None
     rest, norm = values.copy(), (columns**2).T @ weights
@@ -601,7 +610,8 @@ def _base_levels(days: Calendar) -> list[slice]:
 
 def _gained(along: Array, norm: Array, total: Array) -> _Gains:
     """Return the gains of columns from their products with the remainder and with themselves; a
-    column that the base holds gains nothing."""
+    column within the base gains nothing.
+    """
     usable = norm > TOO_ALIKE * total
     size, squared = (
         np.divide(one, norm, out=np.zeros_like(norm), where=usable)
@@ -611,8 +621,9 @@ def _gained(along: Array, norm: Array, total: Array) -> _Gains:
 
 
 def _gains(values: Array, weights: Array, base: Array, candidates: _Candidates) -> _Gains:
-    """Return what each course comes to beside the columns of ``base``; nothing for what the base
-    holds already."""
+    """Return the gains of each course relative to the columns of ``base``; zero for a course within
+    the base.
+    """
     root = np.sqrt(weights).T[:, :, None]
     q, _ = np.linalg.qr(base * root)
     rest = values.T[:, :, None] * root

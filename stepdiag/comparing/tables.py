@@ -1,4 +1,4 @@
-"""Comparisons as tables that a person reads in a terminal."""
+"""Comparisons as tables for a terminal."""
 
 from collections.abc import Sequence
 
@@ -13,13 +13,13 @@ from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
-"""The names in the result's ``survey`` that distinguish results; a result whose readings came from
-elsewhere may state less.
+"""The names in the result's ``survey`` that distinguish results; a result with readings from
+another source may state fewer.
 """
 
 
 def which(result: Result) -> dict[str, str]:
-    """Return the survey of a result, as far as stated: machine, serial number, survey and its
+    """Return the survey of a result, if stated: machine, serial number, survey and its
     beginning.
     """
     return {name: value for name in WHICH if (value := getattr(result.survey, name, ""))}

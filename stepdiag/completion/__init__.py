@@ -1,5 +1,5 @@
-"""The end of a survey: its logs replayed, solved and exported; and what its plan can show before it
-is driven.
+"""The end of a survey: its logs replayed, solved and exported; and the weaknesses of its plan,
+known before the drive.
 
 In: logs, or a survey file. Out: result, files and the verdict. Puts daq, solver and exporters
 together; imported by daemon, report, head, checking, fleet and cli.

@@ -31,10 +31,10 @@ from stepdiag.solver.planning.sequel import Sequel, sequel, shown_by
 
 
 def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
-    """Return a survey, the folder of the round that is driven (None before the first), and what to
-    drive after what is in.
+    """Return a survey, the folder of the present round (None before the first), and the runs to
+    drive next.
 
-    Raises as `load_survey`, and DataError where the logs are of another survey file.
+    Raises the errors of `load_survey`, and DataError where the logs belong to another survey file.
     """
     survey = load_survey(file)
     rounds = round_folders(survey.folder(file))
@@ -51,7 +51,7 @@ def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
 
 
 def done_in(survey: Survey, book: PassBook) -> list[str]:
-    """Return the setups whose every pass is in, the standing setup last."""
+    """Return the completed setups, with the present setup last."""
     standing = "" if book.last is None else book.last.setup
     done = [name for name in survey.plan.all_setups if not book.open_passes(name)]
     return sorted(done, key=lambda name: name == standing)
@@ -68,9 +68,10 @@ def _readings(survey: Survey, book: PassBook) -> Readings | None:
 def known_before(
     file: Path, survey: Survey, about: Circumstances
 ) -> tuple[Circumstances, Path | None]:
-    """Return the circumstances with the sizes that the last finished survey of this machine shows,
-    and its folder where they show the angles: of those in folders beside this one and in the store.
-    Raises UsageError for a store that is not there."""
+    """Return the circumstances with the sizes from the last finished survey of this machine, and
+    its folder if it shows the angles; searched in folders beside this one and in the store. Raises
+    UsageError for a store that does not exist.
+    """
     found = dict[tuple[str, Path], tuple[Result, Readings]]()
     for path in (*survey.folder(file).parent.glob(f"*/*/{RESULT}"), *_archived(file, survey)):
         try:
@@ -157,9 +158,9 @@ def _line(run: Run) -> Words:
 
 
 def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
-    """Put the next setup into the survey file, if missing in the plan; return the setup.
+    """Add the next setup to the survey file, if the plan lacks it; return the setup.
 
-    Raises UsageError if nothing further is worth driving, or the file cannot hold it.
+    Raises UsageError if no further setup is worth driving, or the file cannot hold it.
     """
     run = next(iter(() if ahead.end else ahead.runs), None)
     if run is None or run.setup in survey.plan.all_setups:

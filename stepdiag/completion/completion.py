@@ -1,7 +1,7 @@
 """The completion of a survey, live or replayed: readings, result, controller files.
 
-Runs in a process of its own. All its input stands in the logs, the date of the export included, so
-that a replay writes the same bytes.
+Runs in a separate process. The logs contain all its input, the date of the export included, so that
+a replay writes the same bytes.
 """
 
 import shlex
@@ -52,7 +52,7 @@ class Completed:
     """The outcome of a survey: its folder, the result, the exports, and the reasons of refused
     exports, by controller.
 
-    ``recorded`` is the folder of its logs: a replay writes elsewhere and rests on the same logs.
+    ``recorded`` is the folder of its logs: a replay writes elsewhere and uses the same logs.
     """
 
     folder: Path
@@ -61,19 +61,19 @@ class Completed:
     exports: tuple[ExportReport, ...]
     refusals: dict[str, Words]
     language: Literal["en", "de"] = "en"
-    """The survey's, for what people read."""
+    """The language of the survey, for files that people read."""
 
 
 def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Completed:
     """Solve a survey from its logs and write readings, result and exports into ``out``, each file
-    whole or not at all.
+    complete or not at all.
 
     ``survey_file`` replaces an unusable survey file in the logs.
 
-    Raises DataError for missing passes, for an unsolvable survey, and for an open doubt; the reason
-    then stands in ``judged.jsonl``, and beside it only the readings, which later readings may
-    replace. A file of a complete survey is never replaced. A refused export costs neither the
-    others nor the result: it leaves its reason in ``exports/<controller>/REFUSED.txt``.
+    Raises DataError for missing passes, for an unsolvable survey, and for an open doubt; then
+    ``judged.jsonl`` holds the reason, and only the readings are written, which later readings may
+    replace. A file of a complete survey is never replaced. A refused export affects neither the
+    others nor the result: its reason is written to ``exports/<controller>/REFUSED.txt``.
     """
     replayed = leave_readings(paths, out, survey_file)
     try:
@@ -96,8 +96,8 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
 
 
 def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Replayed:
-    """Write the readings of logs into ``out``, whatever is doubted in them; return the logs, with
-    the verdicts on them since.
+    """Write the readings of logs into ``out``, whatever their doubts; return the logs, with the
+    later verdicts on them.
 
     ``survey_file`` as in `complete`. Raises DataError where passes are missing.
     """
@@ -109,8 +109,9 @@ def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = 
 
 
 def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
-    """Return logs with the verdicts of persons and the solver beside them. Raises as `find_logs`
-    and `replay`; ``survey_file`` as there."""
+    """Return logs with the verdicts of persons and the solver beside them. Raises the errors of
+    `find_logs` and `replay`, where ``survey_file`` is explained.
+    """
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
     replayed = replay_corrected(logs, survey_file, verdicts.suspicions)
@@ -121,12 +122,12 @@ def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Rep
 def solve_logs(
     replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None
 ) -> tuple[Result, str]:
-    """Return the result of replayed logs and the readings it rests on, as CSV. Raises DataError
-    naming every pass that is missing.
+    """Return the result of replayed logs and its readings as CSV. Raises DataError that names every
+    missing pass.
 
-    The 4-DOF head's runs enter the method `estimate`; the closed forms are for the diagonals alone
-    and leave them out. ``environment`` holds conditions (by their names in the survey file) that
-    count in place of what was recorded.
+    The 4-DOF head's runs enter the method `estimate`; the closed forms use only the diagonals.
+    ``environment`` holds conditions (by their names in the survey file) that replace the recorded
+    ones.
     """
     _require_all(replayed)
     survey = replayed.survey
@@ -185,8 +186,9 @@ def solve_logs(
 
 
 def readings_of(replayed: Replayed, environment: Mapping[str, float] | None = None) -> Readings:
-    """Return the readings of replayed logs; ``environment`` holds conditions that count in place of
-    what was recorded."""
+    """Return the readings of replayed logs; ``environment`` holds conditions that replace the
+    recorded ones.
+    """
     return tabulate(replayed.survey, replayed.book.passes, environment or {})
 
 
@@ -202,7 +204,7 @@ def _write_readings(out: Path, text: str) -> None:
 
 
 def _require_settled(replayed: Replayed, out: Path) -> None:
-    """Raise DataError for an open doubt; the doubt then stands in ``judged.jsonl``."""
+    """Raise DataError for an open doubt, which ``judged.jsonl`` then holds."""
     still = replayed.book.doubts()
     if not still:
         return
@@ -230,7 +232,9 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
 
 
 def _facts(replayed: Replayed) -> Facts:
-    """Return who measured what, when and with what, as the survey file and the logs state it."""
+    """Return operator, object, time and instruments of the measurement, from the survey file and
+    the logs.
+    """
     survey, run = replayed.survey, replayed.run
     identity = survey.identity
     begun, ended = (
@@ -292,7 +296,7 @@ def survey_date(replayed: Replayed) -> date:
 
 
 def _require_all(replayed: Replayed) -> None:
-    """Raise DataError where a stop of the plan is missing; what is doubted only is in."""
+    """Raise DataError where a stop of the plan is missing; a doubted stop counts as present."""
     book = replayed.book
     whole = {(each.route.setup, each.number) for each in book.passes if each.whole}
     open_passes = {
@@ -335,8 +339,9 @@ def _angles(replayed: Replayed) -> Angles | None:
 
 
 def _text(replayed: Replayed, name: str) -> str:
-    """Return a file that the survey names, from the log. Raises DataError where it is not there, or
-    not UTF-8."""
+    """Return a file that the survey names, from the log. Raises DataError where the file is
+    missing, or not UTF-8.
+    """
     data = replayed.files.get(name)
     if data is None:
         raise DataError(name, expected=message("named-in-log"), found=message("nothing"))

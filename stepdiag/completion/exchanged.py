@@ -1,5 +1,6 @@
 """Two diagonals that were driven in each other's place (`solver.adjustment.exchanged`): the line of
-the survey file that is to be corrected."""
+the survey file to correct.
+"""
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message

@@ -59,8 +59,9 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
 
 
 def _turns(head: Head | None) -> tuple[str, ...]:
-    """Return the angular functions that an instrument measures, or a head would: a quadrant
-    detector alone measures none."""
+    """Return the angular functions that an available or possible instrument measures: a quadrant
+    detector alone measures none.
+    """
     if head is not None and head.format == "tqd":
         return ()
     if head is None or not head.angular:
@@ -69,8 +70,9 @@ def _turns(head: Head | None) -> tuple[str, ...]:
 
 
 def _zone(survey: Survey, folder: Path) -> Zone | None:
-    """Return the part of the volume where the tables of the first control have to fit best; None
-    where its profile names none, or is not yet filled in."""
+    """Return the part of the volume where the tables of the first control must fit best; None where
+    its profile states none, or is not yet filled in.
+    """
     if not survey.exports or survey.exports[0].controller not in CONTROLLERS:
         return None
     first = survey.exports[0]
@@ -89,8 +91,8 @@ def _zone(survey: Survey, folder: Path) -> Zone | None:
 
 
 def hidden_slip(survey: Survey) -> Iterator[Finding]:
-    """Yield the size of a possibly unseen slip of the count, if each setup is driven once and
-    compared with nothing.
+    """Yield the size of a slip of the count that may stay unnoticed, if each setup is driven once
+    and compared with no other.
 
     Passes driven out and back, or repeated, show a slip by themselves.
     """
@@ -105,8 +107,8 @@ def hidden_waves(survey: Survey) -> Iterator[Finding]:
     """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of
     increments that shows them.
 
-    Silent where the survey file does not state a pitch, for linear scales, and along axes whose
-    runs have targets of their own.
+    Yields nothing where the survey file states no pitch, for linear scales, and along axes whose
+    runs have separate targets.
     """
     pitch_mm, volume = survey.uncertainty.pitch_mm, survey.volume
     if pitch_mm is None or survey.uncertainty.feedback != "screw":

@@ -1,5 +1,5 @@
-"""One scale on every axis: a statement on the laser's air, its wavelength or the expansion that is
-not so, or a machine that is so long.
+"""An equal scale on every axis: either a wrong statement on the laser's air, its wavelength or the
+expansion, or a machine with this scale.
 
 Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
 a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
@@ -24,8 +24,9 @@ from stepdiag.daq.capture.cause.likelihood import CAUSE, Change
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
-"""Standard deviation of the scale that a machine's axes share, as 5 K on steel bring about, or
-where that is taken out; and of what each has of its own."""
+"""Standard deviation of the common scale of a machine's axes, caused by 5 K on steel or left after
+a correction; and of the separate scale of each.
+"""
 HENE_NM = 632.991
 LEAST_UM_M = 100.0
 """A smaller effect is like a machine's own."""

@@ -1,4 +1,4 @@
-"""The proof run as a survey of its own: its file, and its verdict when its passes are in."""
+"""The proof run as a separate survey: its file, and its verdict after its last pass."""
 
 import hashlib
 import os
@@ -46,8 +46,9 @@ _STATES: Mapping[Code | None, Message] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofFiles:
-    """Paths of a proof run to be planned: the survey file, the folder of its result, that of the
-    export, and its profile."""
+    """Paths for planning a proof run: the survey file, the folder of its result, that of the
+    export, and its profile.
+    """
 
     survey: Path
     round: Path
@@ -56,14 +57,14 @@ class ProofFiles:
     controller: str
 
     def beside(self, path: Path) -> str:
-        """Return a path as a survey file names it: seen from the folder of the survey file."""
+        """Return a path relative to the folder of the survey file, as the survey file names it."""
         return PurePath(os.path.relpath(path, self.survey.parent)).as_posix()
 
 
 def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[ProofPlan, str]:
-    """Return the plan of a proof run of the files ``acting`` in the control, and its survey file.
+    """Return the plan of a proof run for the files ``acting`` in the control, and its survey file.
 
-    Raises as `loaded_in` and `plan_proof`.
+    Raises the errors of `loaded_in` and `plan_proof`.
     """
     text = read_text(given.survey)
     survey = parse_survey(text, given.survey.name)
@@ -109,8 +110,8 @@ class Loaded:
     files: tuple[ControlFile, ...]
 
     def tables(self) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables that act now, and the tables active during the survey; of a lattice its
-        curves and products.
+        """Return the tables that are active now, and the tables active during the survey; for a
+        lattice its curves and products.
         """
         if len(self.files) == 1 and lattice.recognises(self.files[0]):
             on = self.profile.machine.measured_with == "on"
@@ -160,8 +161,9 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
 
 
 def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Proof | None:
-    """Return the verdict on a proof run from its readings; None for any other survey. Raises as
-    `loaded_in`."""
+    """Return the verdict on a proof run from its readings; None for any other survey. Raises the
+    errors of `loaded_in`.
+    """
     held = loaded_in(survey, files)
     return None if held is None else prove(held.result, held.readings, readings, *held.tables())
 
@@ -169,7 +171,7 @@ def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> 
 def proof_findings(
     survey: Survey, files: Mapping[str, bytes], readings: Readings
 ) -> Iterator[Finding]:
-    """Yield the verdict on a proof run; nothing for any other survey. Raises as `loaded_in`."""
+    """Yield the verdict on a proof run; no finding for any other survey. Raises as `loaded_in`."""
     found = proof_of(survey, files, readings)
     if found is not None:
         severity: Mapping[str, Severity] = {

@@ -18,8 +18,9 @@ from stepdiag.solver.model.straightness_file import parse_straightness
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """The files that a readings file may be solved with; ``add`` adds runs of other programs'
-    files, which ``runs`` name."""
+    """The files that a readings file may be solved with; ``add`` adds the runs of other programs'
+    files, named in ``runs``.
+    """
 
     angles: Path | None = None
     straightness: Path | None = None
@@ -37,8 +38,9 @@ def source_of(role: str, path: Path) -> Source:
 def solve_readings_file(
     path: Path, beside: Beside, *, method: str, chain: str, monte_carlo: int = 0
 ) -> Result:
-    """Return the result of a readings file. Raises UsageError and DataError as `solve` and the
-    parsers of the files do."""
+    """Return the result of a readings file. Raises the UsageError and DataError of `solve` and of
+    the files' parsers.
+    """
     given = {
         "angles": beside.angles,
         "straightness": beside.straightness,

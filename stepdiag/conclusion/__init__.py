@@ -1,9 +1,9 @@
 """The result of a survey in a few sentences: errors, unknowns, effect of compensation, files to
 load, next step.
 
-In: a result, and its exports. Out: a `Conclusion`, which page, report, `status` and terminal show
-and which stands beside the result as ``conclusion.json``. Nothing here computes an uncertainty:
-figures come from result and prediction. Imported by `report`, `page`, `daemon` and `cli`.
+In: a result, and its exports. Out: a `Conclusion`, shown by page, report, `status` and terminal,
+and stored beside the result as ``conclusion.json``. Nothing here computes an uncertainty: figures
+come from result and prediction. Imported by `report`, `page`, `daemon` and `cli`.
 """
 
 from stepdiag.conclusion.concluding import (

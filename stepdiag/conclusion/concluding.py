@@ -27,7 +27,7 @@ AIR = {
     "air_pressure_hpa": ("p", "hPa"),
     "relative_humidity_percent": ("RH", "%"),
 }
-"""Conditions of the air in letters and units that every language writes alike."""
+"""Conditions of the air in letters and units that all languages share."""
 KNOBS = {
     BETWEEN_TARGETS: "between",
     READINGS: "readings",
@@ -39,16 +39,18 @@ KNOBS = {
     **dict.fromkeys(("setup scale", "scale of one setup", "growth"), "setups"),
     **dict.fromkeys(("material temperature", "air"), "lengths"),
 }
-"""Sources of the budget by what makes them smaller; the sizes of sources are part of each."""
+"""Sources of the budget, grouped by the measure that makes them smaller; the sizes of sources
+belong to each.
+"""
 LEAST_SHARE = 0.1
-"""An error below a tenth of the largest one is not what is wrong with the machine."""
+"""Errors below a tenth of the largest one are not reported as errors of the machine."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
     """The outcome of an export: ``refused`` gives the reason for missing files, ``untested`` names
-    the tables with an untested sign, ``harmed`` the stretches in which the machine would err more
-    with its files than without; ``unproven`` files are a promise only after a proof run.
+    the tables with an untested sign, ``harmed`` the stretches in which the files would increase the
+    machine's error; ``unproven`` files are a promise only after a proof run.
     """
 
     controller: str
@@ -61,7 +63,7 @@ class Export:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
-    """``wrong`` stands beside its contribution, the largest first; the rest are sentences in the
+    """``wrong`` is stored with its contribution, the largest first; the others are sentences in the
     order of reading.
     """
 
@@ -80,7 +82,7 @@ class Conclusion:
 
 
 def export_of(written: ExportReport) -> Export:
-    """Return the tables and verdicts of an export, as the conclusion needs them."""
+    """Return the tables and verdicts of an export that the conclusion needs."""
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
     reach = None if written.prediction is None else reach_of(written.prediction.predicted)
@@ -94,8 +96,9 @@ def export_of(written: ExportReport) -> Export:
 
 
 def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
-    """Return the findings about stretches in which files harm, of the findings of an export or of
-    `verify`."""
+    """Return the findings about stretches in which files increase the error, from the findings of
+    an export or of `verify`.
+    """
     return tuple(one.words for one in findings if one.code == STRETCH)
 
 
@@ -130,8 +133,9 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
 
 
 def _of_proof(found: Finding, counts: dict[str, int]) -> Conclusion:
-    """Return the conclusion of a proof run: its verdict. A diagonal and a line state nothing about
-    the machine's errors."""
+    """Return the conclusion of a proof run: its verdict. A diagonal and a line give no statement
+    about the machine's errors.
+    """
     return Conclusion(
         wrong=(),
         unknown=(),
@@ -177,16 +181,18 @@ def _wrong_sentence(one: Contribution) -> Sentence:
 
 
 def _value(one: Contribution) -> str:
-    """Return the magnitude of a quantity, of a squareness or a scale to the digits of its U, as its
-    table has it."""
+    """Return the magnitude of a quantity; of a squareness or a scale with the digits of its U, as
+    in its table.
+    """
     if one.kind not in ("squareness", "scale") or not one.u_um:
         return _um(abs(one.value))
     return f"{abs(one.value):.{decimals_of_u(2e3 * one.u_um / one.length_mm)}f}"
 
 
 def _towards(one: Contribution) -> str:
-    """Return where the tool goes when the leaning axis moves in +: dX = -C0Y y, dX = +B0Z z, dY =
-    -A0Z z (contract 1)."""
+    """Return the direction in which the tool moves when the leaning axis moves in +: dX = -C0Y y,
+    dX = +B0Z z, dY = -A0Z z (contract 1).
+    """
     grows = one.value > 0 if one.name == "B0Z" else one.value < 0
     return f"{'+' if grows else '−'}{LEANS[one.name][1]}"
 
@@ -228,8 +234,8 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
-    """Yield the size of a possibly unseen slip of the count: the worst, and the passes where it
-    matters beside the noise.
+    """Yield the size of a slip of the count that may stay unnoticed: the worst, and the passes
+    where its effect exceeds the noise.
 
     The stated uncertainty has the noise of the readings and not the slip. The worst is always
     reported: the noisier the readings, the larger it is.
@@ -295,7 +301,9 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
 
 
 def _largest_share(result: Result) -> Iterator[Sentence]:
-    """Yield the largest share of the volume's U (of its square), and what makes it smaller."""
+    """Yield the largest share of the volume's U (of its square), and the measure that makes it
+    smaller.
+    """
     shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
     square = {
         knob: sum(shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob)
@@ -311,7 +319,9 @@ def _largest_share(result: Result) -> Iterator[Sentence]:
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield where the files of an export make the machine worse, though they help on the whole."""
+    """Yield the places where the files of an export make the machine worse, although they help on
+    the whole.
+    """
     for one in exports:
         yield from (
             Sentence(key="reach_harmed", arguments={"control": one.controller, "what": text})
@@ -324,8 +334,9 @@ def _all_refused(exports: Sequence[Export]) -> bool:
 
 
 def _basis(found: Basis) -> Iterator[Sentence]:
-    """Yield to which temperature the lengths belong, on which sizes U rests, and where the errors
-    hold; nothing that is not stated."""
+    """Yield the temperature of the lengths, the assumed sizes behind U, and the point of the
+    errors; no sentence for a fact that is not stated.
+    """
     if found.tables is not None and found.material_c is None:
         yield Sentence(key=f"basis_{found.tables}_alone")
     elif found.tables is not None:
@@ -351,8 +362,7 @@ def _basis(found: Basis) -> Iterator[Sentence]:
 
 
 def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
-    """Return the sizes on which U rests, as they stand beside every U; None where a size is
-    missing.
+    """Return the assumed sizes behind U, as shown with every U; None where a size is missing.
 
     Results of older versions assumed no growth and do not name it.
     """
@@ -398,7 +408,7 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
 
 
 def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]) -> Sentence:
-    """Return the one thing to do now: what makes the rest worthless comes first."""
+    """Return the next action, the one without which the others have no value."""
     if counts["error"]:
         return Sentence(key="next_error")
     usable = [each for each in exports if not each.refused]
@@ -419,8 +429,8 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
 
 
 def _missing(result: Result, *, refused: bool) -> list[str] | None:
-    """Return the runs without which no table can be made; none of them if only repeated runs help;
-    None if nothing lacks.
+    """Return the runs without which no table can be made; empty if only repeated runs help; None if
+    no run is missing.
 
     Scales alone refuse no export, so a ``refused`` export has another reason. The diagonals give
     the sum of the scales: runs along all axes but the longest unknown axis give the rest.

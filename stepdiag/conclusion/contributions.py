@@ -36,8 +36,8 @@ class Contribution:
 
     @property
     def significant(self) -> bool:
-        """Return whether the effect is more than its expanded uncertainty (k = 2); without a stated
-        uncertainty it counts.
+        """Return whether the effect exceeds its expanded uncertainty (k = 2); without a stated
+        uncertainty it is significant.
         """
         return self.u_um is None or self.effect_um > 2 * self.u_um
 
@@ -87,8 +87,9 @@ def _scales(result: Result) -> Iterator[Contribution]:
 
 
 def _functions(result: Result) -> Iterator[Contribution]:
-    """Yield the shapes: end-point line removed, since the line is the scale's or the
-    squareness's."""
+    """Yield the shapes, with the end-point line removed, because it belongs to the scale or the
+    squareness.
+    """
     for name in DISPLACEMENTS:
         function = result.errors[name]
         if function.value is None:
@@ -108,7 +109,7 @@ def _functions(result: Result) -> Iterator[Contribution]:
 
 
 def _angles(result: Result) -> Iterator[Contribution]:
-    """Yield the angular functions with the longest arm that they turn in this volume."""
+    """Yield the angular functions with the longest arm on which they act in this volume."""
     mask = abbe_mask(result.chain)
     for name in ROTATIONS:
         function = result.errors.get(name)

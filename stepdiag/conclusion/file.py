@@ -1,5 +1,6 @@
-"""The conclusion as the file beside the result: words in every language and the figures behind
-them, same bytes for the same conclusion."""
+"""The conclusion as the file beside the result: words in every language with their figures, same
+bytes for the same conclusion.
+"""
 
 import json
 from collections.abc import Mapping
@@ -15,7 +16,7 @@ from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
 SECTIONS = ("reached", "verdict", "wrong", "unknown", "load", "next_step", "basis")
-"""The order in which a conclusion is read."""
+"""The parts of a conclusion in the order of reading."""
 
 
 def conclusion_document(
@@ -63,8 +64,9 @@ def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[
 
 
 def conclusion_in(folder: Path) -> dict[str, Any] | None:
-    """Return the JSON of the conclusion in a survey's folder; None where there is none that this
-    program understands."""
+    """Return the JSON of the conclusion in a survey's folder; None without one that this program
+    can read.
+    """
     try:
         document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""A sentence as its key in the catalogue and its values, so that a conclusion reads in every
+"""A sentence as its key in the catalogue and its values, so that it can be shown in every
 language.
 """
 

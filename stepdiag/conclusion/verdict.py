@@ -1,5 +1,6 @@
-"""The verdict about the machine's tolerances in sentences: as found, and as the files of an export
-leave it."""
+"""The verdict about the machine's tolerances in sentences: as found, and as predicted with the
+files of an export.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,7 +15,7 @@ from stepdiag.texts.texts import UNITS, Language
 
 STATES = ("as_found", "predicted")
 SURE = 0.99
-"""A probability beyond is no better known: it is a share of a few hundred draws."""
+"""Limit of a shown probability: it is a share of a few hundred draws."""
 
 
 ROUNDING = 1e-4
@@ -24,7 +25,7 @@ ROUNDING = 1e-4
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
     """Return the conformity of a result, None without a tolerance.
 
-    With the files of an export the prediction covers their volume, and no single functions: a file
+    With the files of an export the prediction covers their volume, but no single functions: a file
     may leave a function out.
     """
     if (
@@ -84,8 +85,7 @@ def even_of(one: Judged) -> str:
 
 
 def interval_of(one: Judged) -> tuple[str, str]:
-    """Return the ends of the coverage interval as written everywhere; empty where they are not
-    known."""
+    """Return the ends of the coverage interval in the common notation; empty where unknown."""
     if one.low is None or one.high is None:
         return "", ""
     low, high = Interval(value_um=one.value or 0.0, low_um=one.low, high_um=one.high).shown()
@@ -117,7 +117,7 @@ def verdict_words(one: Judged, language: Language) -> str:
 
 
 def probability_words(p: float) -> str:
-    """Return a probability in percent, no surer than draws can be."""
+    """Return a probability in percent, within the limit given by the number of draws."""
     if p > SURE:
         return "> 99"
     return "< 1" if p < 1.0 - SURE else f"{100.0 * p:.0f}"

@@ -25,8 +25,8 @@ def programs_of(
     """Return the NC programs of a survey and the files beside them; with ``commission`` those of
     the head alone, with the jogs.
 
-    Raises as `nc_programs`, and UsageError where the head is to be commissioned and the plan has no
-    run of it.
+    Raises the errors of `nc_programs`, and UsageError where the head has to be commissioned and the
+    plan has no run of it.
     """
     defaults = default_signals(control)
     text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)

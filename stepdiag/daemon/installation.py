@@ -1,8 +1,8 @@
 """The service of a survey as files of systemd: unit, rules, token, and a drop-in with no more
 rights than this survey needs.
 
-Everything is made from the survey file, so a new installation changes no correct file, and the
-removal finds the installed files.
+The survey file determines all files, so a new installation changes no correct file, and the removal
+finds the installed files.
 """
 
 import ipaddress
@@ -41,7 +41,7 @@ SHARED = {
 """The common files of all surveys of a computer, by their names in the package and their places."""
 DROP_IN = "50-survey.conf"
 PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
-"""From where people look at a page that is bound beyond this computer."""
+"""Networks from which a page that is open beyond this computer can be reached."""
 TOKEN_BYTES = 18
 """Random bytes of a token: 144 bits cannot be guessed."""
 WRITTEN = "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
@@ -49,7 +49,7 @@ WRITTEN = "# Written by `stepdiag service install`; lines of your own go into an
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A file and its real or possible change. A secret's text is never shown."""
+    """A file and its actual or possible change. A secret's text is never shown."""
 
     path: Path
     does: Literal["write", "keep", "remove", "make secret"]
@@ -58,7 +58,8 @@ class Step:
 
 def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
-    is wrong or stands elsewhere."""
+    is wrong or at another place.
+    """
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
     steps = [step for source, place in SHARED.items() for step in shared_steps(source, place, root)]
@@ -76,8 +77,9 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
-    """Return what is removed: the drop-in, and what all surveys share once no other is installed.
-    Survey, token and data stay."""
+    """Return the files to remove: the drop-in, and the common files after the last survey. Survey,
+    token and data stay.
+    """
     name = name_of(survey_file, root)
     own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
     others = [
@@ -136,7 +138,7 @@ def _do(step: Step) -> None:
 
 
 def written(path: Path, text: str) -> Step:
-    """Return the step that gives a file its text; ``keep`` where it stands there already."""
+    """Return the step that gives a file its text; ``keep`` where the file already has it."""
     try:
         same = path.read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
@@ -173,7 +175,7 @@ def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
     """Yield the changes of a file common to all surveys.
 
     A package brings its own file and renews it with each upgrade: a copy in /etc by an older
-    version would hide this file for ever.
+    version would hide this file permanently.
     """
     packaged = root / "usr/lib" / place.relative_to("etc")
     if packaged.is_file() and sys.prefix == PACKAGED:
@@ -183,8 +185,9 @@ def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
 
 
 def shared(source: str, root: Path) -> str:
-    """Return a file for systemd as it came with this program, the unit with the places of this
-    installation. Raises UsageError."""
+    """Return a file for systemd as shipped with this program, the unit with the places of this
+    installation. Raises UsageError.
+    """
     for folder in (
         Path(sys.prefix) / "share/stepdiag/systemd",
         Path(str(files("stepdiag"))).parent / "systemd",
@@ -205,7 +208,9 @@ def shared(source: str, root: Path) -> str:
 
 
 def _network(survey: Survey) -> Iterator[str]:
-    """Allow the devices alone, or private networks where one has a name instead of an address."""
+    """Allow only the devices, or private networks where a device has a name instead of an
+    address.
+    """
     allowed = [
         each
         for host in _devices(survey)
@@ -217,7 +222,7 @@ def _network(survey: Survey) -> Iterator[str]:
 
 
 def _devices(survey: Survey) -> Iterator[str]:
-    """Yield the hosts of the machine and of every instrument whose line is on the network."""
+    """Yield the hosts of the machine and of every instrument on the network."""
     plc = survey.plc
     if plc.transport in ("tcp", "s7", "lsv2"):
         yield plc.host
@@ -229,8 +234,9 @@ def _devices(survey: Survey) -> Iterator[str]:
 
 
 def _addresses(survey: Survey) -> Iterator[str]:
-    """Yield where page and metrics are reached, and from where: private networks, for what is bound
-    beyond this computer."""
+    """Yield the addresses of page and metrics, and the networks that may reach them: private
+    networks for an address beyond this computer.
+    """
     served = [each for each in (survey.page, survey.metrics) if each.enabled]
     yield "ListenStream="
     for each in served:

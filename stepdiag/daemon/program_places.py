@@ -1,8 +1,8 @@
-"""Places of this program on the disk, and the unit that sees these places and no other.
+"""Places of this program on the disk, and the unit that can access only these places.
 
-A Python fetched by pyenv or uv stands in a user's home, which the unit otherwise does not see at
-all; a virtual environment reaches it through links, and each folder on the way must be there inside
-the unit too.
+A Python installed by pyenv or uv is in a user's home, which the unit otherwise cannot access; a
+virtual environment reaches it through links, and each folder on the path must exist inside the unit
+too.
 """
 
 import os
@@ -18,17 +18,17 @@ from stepdiag.base.messages import message
 PACKAGED = "/opt/stepdiag"
 """Place of the program in the packaged unit."""
 SYSTEM = Path("/usr")
-"""Places that the unit always sees."""
+"""Places that the unit can always access."""
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 """Places hidden by ProtectHome=yes (systemd.exec(5)), even if bound there."""
 OTHERS_READ = 0o005
 LINKS = 40
-"""More in a row than a kernel follows."""
+"""Largest number of links in a row, more than a kernel follows."""
 
 
 def places_of_program() -> list[Path]:
-    """Return the folders that hold the environment, its Python and the package, outermost alone,
-    the system's folders left out.
+    """Return the folders that hold the environment, its Python and the package: only the outermost,
+    without the system's folders.
     """
     found = [
         Path(sys.prefix),
@@ -60,8 +60,9 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
 
 
 def _is_own(place: Path) -> bool:
-    """Return whether a place is neither the system's nor the whole disk: /bin/python3 is a way to
-    /usr/bin, and its folder stands in /."""
+    """Return whether a place is neither the system's nor the whole disk: /bin/python3 leads to
+    /usr/bin, and its folder is in /.
+    """
     return SYSTEM not in (place, *place.parents) and place != place.parent
 
 
@@ -69,7 +70,7 @@ def _homes_of(executable: Path) -> Iterator[Path]:
     """Yield the folder of every link between an environment's Python and the running Python, and
     the installation of the latter.
 
-    Of the way only the link's own folder is needed: ~/.local/bin, the place of uv's links, and not
+    Of the path only the link's own folder is needed: ~/.local/bin, the place of uv's links, and not
     the data of programs in ~/.local/share.
     """
     for _ in range(LINKS):
@@ -107,8 +108,9 @@ def _assert_no_home(place: Path) -> None:
 
 
 def _assert_read_by_all(place: Path) -> None:
-    """The service runs as an account of its own; folders above do not count, since a bound place is
-    entered without them."""
+    """The service runs under an account of its own; the rights of folders above do not matter,
+    since a bound place is entered without them.
+    """
     place = place.resolve()  # not every chmod follows a link
     closed = next(
         (

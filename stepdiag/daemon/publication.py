@@ -1,5 +1,5 @@
-"""The publication of a survey as a service of systemd: its unit, and a drop-in with its receivers,
-which alone are let through.
+"""The publication of a survey as a service of systemd: its unit, and a drop-in that allows only its
+receivers.
 """
 
 import os
@@ -28,12 +28,12 @@ from stepdiag.page.settings import is_loopback
 
 UNIT = "stepdiag-publish@.service"
 _PLAIN = re.compile(r"[A-Za-z0-9._:/@\[\]-]+")
-"""Characters of a word of a unit that cannot mean anything else."""
+"""Characters of a word in a unit without a special meaning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """To a broker, or as a server of OPC UA; ``port`` stands for an unnamed port. Files are
+    """Publication to a broker, or as a server of OPC UA; ``port`` is the default port. Files are
     absolute, below /etc.
     """
 
@@ -57,7 +57,8 @@ class Publication:
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
     """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
-    is wrong or stands elsewhere."""
+    is wrong or at another place.
+    """
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)
@@ -65,8 +66,9 @@ def plan_publication(survey_file: Path, root: Path, publication: Publication) ->
 
 
 def plan_end(survey_file: Path, root: Path) -> list[Step]:
-    """Return what is removed: the drop-in, and the unit once no other survey is published. Secrets
-    stay."""
+    """Return the files to remove: the drop-in, and the unit after the last published survey.
+    Secrets stay.
+    """
     own = root / _drop_in(name_of(survey_file, root))
     others = [
         path
@@ -81,8 +83,9 @@ def plan_end(survey_file: Path, root: Path) -> list[Step]:
 
 
 def drop_in(name: str, folder: Path, publication: Publication) -> str:
-    """Return the drop-in; the secrets that stand in ``folder`` as NAME.mqtt-user and the like
-    become credentials. Raises UsageError."""
+    """Return the drop-in; secrets in ``folder`` with names like NAME.mqtt-user become credentials.
+    Raises UsageError.
+    """
     host, port = _address(publication)
     lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
     lines += [f"IPAddressAllow={each}" for each in ("localhost", *_reached(host, publication))]
@@ -95,8 +98,9 @@ def drop_in(name: str, folder: Path, publication: Publication) -> str:
 
 
 def credentials(name: str, folder: Path, publication: Publication) -> dict[str, bool]:
-    """Return whether each secret stands in ``folder``. Raises UsageError for one of user and
-    password alone."""
+    """Return whether ``folder`` holds each secret. Raises UsageError for a user without a password
+    or a password without a user.
+    """
     there = {each: (folder / f"{name}.{each}").is_file() for each in publication.secrets}
     user, password = publication.who
     if there[user] != there[password]:
@@ -110,7 +114,7 @@ def credentials(name: str, folder: Path, publication: Publication) -> dict[str, 
 
 
 def _words(publication: Publication) -> str:
-    """Return the options as they stand in the unit, between quotes."""
+    """Return the options in the form of the unit, between quotes."""
     files = {"ca": publication.ca, "certificate": publication.certificate}
     places = {
         option: Path(os.path.normpath(path)) for option, path in files.items() if path is not None
@@ -141,8 +145,8 @@ def _address(publication: Publication) -> tuple[str, int]:
 
 
 def _reached(host: str, publication: Publication) -> Iterator[str]:
-    """Yield the hosts let through: the broker alone, or private networks for a broker with a name;
-    of a server, its permitted clients.
+    """Yield the permitted hosts: only the broker, or private networks for a broker with a name; for
+    a server, its permitted clients.
     """
     if not is_loopback(host):
         yield from PRIVATE_NETWORKS if publication.opcua else address_of(host) or PRIVATE_NETWORKS

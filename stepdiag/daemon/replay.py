@@ -1,5 +1,6 @@
-"""A replay beside what the live run wrote: the same bytes, the same but for a tenth of a nanometre
-(another processor), or which differ."""
+"""Comparison of a replay with the files of the live run: the same bytes, the same except for a
+tenth of a nanometre (another processor), or different.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -14,7 +15,7 @@ from stepdiag.daq.replay import find_logs
 from stepdiag.report.completed import write_completed_report
 
 _FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
-"""Hashes of other files, and tables inside a report: they follow from numbers in other places."""
+"""Hashes of other files, and tables inside a report: they follow from numbers elsewhere."""
 _NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 
 
@@ -22,9 +23,9 @@ _NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 class Compared:
     """The files written by a replay into ``out``, against the live run's folder.
 
-    ``rounded`` are files that differ like the products of another processor: the result by less
-    than a tenth of a nanometre, the files that follow from it in last digits and hashes.
-    ``missing`` are files that the live run lacks.
+    ``rounded`` are files that differ only as on another processor: the result by less than a tenth
+    of a nanometre, the files that follow from it in last digits and hashes. ``missing`` are files
+    that the live run lacks.
     """
 
     out: Path
@@ -92,8 +93,9 @@ def replay_and_compare(
 
 
 def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:
-    """Return what a file is beside the live run's; ``rounded``: an earlier one was the same but for
-    a last digit."""
+    """Return the state of a file relative to the live run's; ``rounded``: an earlier file was equal
+    except for a last digit.
+    """
     if not other.is_file():
         return "missing"
     before = other.read_bytes()

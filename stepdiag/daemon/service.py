@@ -1,9 +1,9 @@
-"""The recording process: the daemon, the page in a process of its own beside it, and the settings
-of Python around them.
+"""The recording process: the daemon, a separate process for the page, and the settings of Python
+for both.
 
 Arrival stamps are disturbed by another thread of this process that holds the interpreter. So
-threads give way ten times sooner than usual; and the collector of garbage, which holds everything
-up for 20 ms on a walk through all imported objects, never sees them.
+threads yield ten times sooner than usual; and the garbage collector, which would stop everything
+for 20 ms to examine all imported objects, ignores these objects.
 """
 
 import gc
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from stepdiag.daq.survey.models import Survey
 
 SOCKET = "STEPDIAG_PAGE_SOCKET"
-"""Set in the unit: the socket of the file system over which the page's unit comes."""
+"""Set in the unit: the socket of the file system by which the page's unit connects."""
 PAGE_ACCOUNT = "stepdiag-page"
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
-"""Longest time in s for which a computing thread may go on while another thread waits."""
+"""Longest time in s for which a computing thread may run while another thread waits."""
 
 
 def record(survey_file: Path, *, verbose: bool = False) -> None:
-    """Record surveys, solve and export each when its last pass is in, until the end of the process.
-    Raises as `serve` does.
+    """Record surveys, solve and export each after its last pass, until the end of the process.
+    Raises the errors of `serve`.
     """
     # a tenth of the start would be spent on looking for garbage in what is being imported
     gc.disable()
@@ -59,11 +59,11 @@ async def serve(
     archiving: Sequence[str] = (),
     ahead: Sequence[str] = (),
 ) -> None:
-    """Run the daemon of a survey file until its end, with page and metrics in a process beside it,
+    """Run the daemon of a survey file until its end, with page and metrics in a separate process,
     by the settings of the file.
 
-    Raises the refusals of the survey file and the folder, and DeviceError if the page's address is
-    taken.
+    Raises the errors of the survey file and the folder, and DeviceError if the page's address is in
+    use.
     """
     import asyncio
 
@@ -85,7 +85,7 @@ async def serve(
 
 
 def _say_what_hides(survey: "Survey") -> None:
-    """Report, before the first pass, the errors that this survey cannot see."""
+    """Report, before the first pass, the errors that this survey cannot detect."""
     import structlog
 
     from stepdiag.completion.foreseen import hidden_slip
@@ -97,10 +97,10 @@ def _say_what_hides(survey: "Survey") -> None:
 
 
 def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
-    """Return a handler that logs a failure outside all tasks in one line: a PLC that answers
-    nonsense can cause any number.
+    """Return a handler that logs a failure outside all tasks on one line: a PLC with invalid
+    answers can cause any number.
 
-    Each kind is logged the first, the tenth, the hundredth time.
+    The first, the tenth, the hundredth failure of each kind is logged.
     """
     import structlog
 
@@ -117,8 +117,9 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
 
 
 def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManager[None]":
-    """Serve the page's unit, which has an account and addresses of its own. Raises UsageError where
-    the system lacks that account."""
+    """Serve the page's unit, which has its own account and addresses. Raises UsageError where the
+    system lacks that account.
+    """
     import pwd
 
     from stepdiag.page.keeper import page_served
@@ -135,7 +136,7 @@ def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManage
 
 @asynccontextmanager
 async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[None]:
-    """Have page and metrics served by a process of their own while the block runs."""
+    """Serve page and metrics in a separate process while the block runs."""
     import structlog
 
     from stepdiag.page.keeper import Listeners, address_of, page_kept

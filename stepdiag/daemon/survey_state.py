@@ -1,5 +1,5 @@
 """The state of a survey, from the disk alone: kept passes, passes to drive again, and the reasons.
-Nothing is changed or mended.
+Reading the state changes no file.
 """
 
 from collections.abc import Sequence
@@ -58,7 +58,7 @@ class Standing:
     doubts: tuple[Doubt, ...]
     """Doubts that keep driven passes open."""
     unsolved: Words
-    """Why there is no result although every pass is in; empty where that is not so."""
+    """Why there is no result although every pass is complete; empty if there is no reason."""
     findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
     to_drive: tuple[DriveStatus, ...]
@@ -69,21 +69,23 @@ class Standing:
     ahead: AheadStatus
     """The next pass, by the newest solution."""
     wrong_line: str
-    """The line of the survey file that a finding names as wrong; empty where none is."""
+    """The line of the survey file that a finding names as wrong; empty without a line."""
     corrections: tuple[str, ...]
-    """When, by whom and what the survey file was corrected since the logs were recorded."""
+    """Time, person and lines of the corrections of the survey file since the recording of the
+    logs.
+    """
     disk: Words
     """The finding of the disk; empty while there is room."""
 
     @property
     def complete(self) -> bool:
-        """Return whether every pass of the plan is in."""
+        """Return whether every pass of the plan is complete."""
         return not self.next_setup
 
 
 def standing_of(path: Path) -> Standing:
-    """Return how the survey of a survey file stands, or the survey recorded in a folder (its own,
-    or one round's).
+    """Return the state of the survey of a survey file, or of the survey recorded in a folder (its
+    own, or one round's).
 
     Raises UsageError for a folder without a recording, DataError where none of its logs can be
     read.

@@ -38,15 +38,15 @@ from stepdiag.virtual.control.compensation import Control
 LINE_POINTS = 21
 
 Progress = Callable[[Message, int, int], None]
-"""Takes what is going on, how many stops are in, and how many there will be."""
+"""Receives the present work, the number of captured stops, and their final number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Errors of the tool anywhere in the volume, as the product takes it (um, rigid motion
+    """Errors of the tool anywhere in the volume, as the product computes them (um, rigid motion
     removed), and along a face diagonal.
 
-    ``face_diagonal_um`` is the widest range of the deviation along one of six.
+    ``face_diagonal_um`` is the largest range of the deviation along one of six.
     """
 
     rms_um: float
@@ -64,7 +64,7 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether the truth lies inside; never without a stated uncertainty of the result."""
+        """Whether the true value is inside; never without a stated uncertainty of the result."""
         low_um, high_um = self.stated.low_um, self.stated.high_um
         return low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
 
@@ -74,9 +74,9 @@ class Demonstrated:
     """Results of the demo: the machine as found, and with the files of each control loaded;
     ``seconds`` is the time of the survey.
 
-    ``after`` are the files that the daemon exported by itself, ``reach`` the effect of other forms
-    of compensation on the same survey, ``promises`` the statement of the result about the volume
-    before any comparison with the truth.
+    ``after`` are the files exported by the daemon, ``reach`` the effect of other forms of
+    compensation on the same survey, ``promises`` the result's statement about the volume before any
+    comparison with the truth.
     """
 
     folder: Path
@@ -88,12 +88,12 @@ class Demonstrated:
     seconds: float
 
     def factor(self, control: str) -> float:
-        """Return by how much the volumetric error (rms anywhere in the volume) fell."""
+        """Return the decrease of the volumetric error (rms anywhere in the volume)."""
         return self.before.rms_um / {**self.after, **self.reach}[control].rms_um
 
 
 def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
-    """Run the demo in an empty folder and return its results; all its files stay there.
+    """Run the demo in an empty folder, where all its files remain, and return its results.
 
     Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
@@ -161,7 +161,8 @@ def empty_folder(folder: Path) -> None:
 
 def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:
     """Return the true errors of the virtual machine with compensation files loaded by the control's
-    law (None: as it is)."""
+    law (None: without files).
+    """
     config = read_config(bench)
     if control is not None:
         loaded = CompensationPart(control=control, files=tuple(str(file) for file in files))
@@ -180,8 +181,9 @@ def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figur
 
 
 def _diagonal_range_um(error_at: Callable[[Vector], Vector], start: Vector, end: Vector) -> float:
-    """Return the range of the deviation along a line, as a laser with a retroreflector would see
-    it."""
+    """Return the range of the deviation along a line, as a laser with a retroreflector would
+    measure it.
+    """
     points = start + np.linspace(0.0, 1.0, LINE_POINTS)[:, None] * (end - start)
     along = error_at(points) @ ((end - start) / np.linalg.norm(end - start))
     return float(np.ptp(along - along[0]))
@@ -218,7 +220,7 @@ def _files(round_folder: Path, control: str) -> list[Path]:
 
 
 def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -> Path:
-    """Have the survey driven until it is complete; return the folder of its logs."""
+    """Let the survey be driven until it is complete; return the folder of its logs."""
     total = (
         sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS)
         * PASSES

@@ -171,8 +171,8 @@ _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """Pace of the virtual machine, and the survey's settings of a stop: ``machine_s`` in a second,
-    the rest wall seconds.
+    """Pace of the virtual machine, and the survey's settings of a stop: ``machine_s`` are machine
+    seconds, the others wall seconds.
     """
 
     machine_s: float = 10.0
@@ -183,7 +183,7 @@ class Pace:
 
 FAST = Pace()
 WATCHED = Pace(machine_s=2.0, dwell_s=1.2, settle_s=0.15, min_window_s=0.4)
-"""A stop every second and a half: a person can follow it."""
+"""A stop every second and a half, so that a person can follow."""
 
 
 def write_bench(folder: Path, seed: int, pace: Pace = FAST) -> Path:
@@ -209,8 +209,9 @@ def write_survey(
     pace: Pace = FAST,
     page: str = "enabled = false",
 ) -> Path:
-    """Write the survey file for devices at these addresses and return its path; ``page`` is what
-    stands in its section."""
+    """Write the survey file for devices at these addresses and return its path; ``page`` is the
+    text of its section.
+    """
     survey = _SURVEY.format(
         n=INCREMENTS,
         setups=_quoted(),
@@ -225,8 +226,9 @@ def write_survey(
 
 
 def write_angles(folder: Path, bench: Path, seed: int) -> None:
-    """Write the angles file of an autocollimator that measured every axis at the stops, good to
-    `U_ANGLE_URAD`."""
+    """Write the angles file of an autocollimator that measured every axis at the stops, with the
+    uncertainty `U_ANGLE_URAD`.
+    """
     truth, rng = build_machine(read_config(bench)).truth(INCREMENTS), np.random.default_rng(seed)
     rows = ["axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad"]
     for letter in "XYZ":
@@ -244,8 +246,9 @@ def write_angles(folder: Path, bench: Path, seed: int) -> None:
 
 
 def write_profiles(folder: Path) -> None:
-    """Write the profiles of both controls, and what the FANUC control punches out before anything
-    is compensated."""
+    """Write the profiles of both controls, and the punch file of the FANUC control without
+    compensation.
+    """
     (folder / "PITCH.TXT").write_bytes(
         _punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)])
     )
@@ -255,8 +258,9 @@ def write_profiles(folder: Path) -> None:
 
 
 def siemens_profile(*, functions: str = "", products: bool = False, held: int | None = None) -> str:
-    """Return the profile of a SINUMERIK: nine tables, or those ``functions``, with products within
-    ``held`` CEC tables."""
+    """Return the profile of a SINUMERIK: nine tables, or those of ``functions``, with products
+    within ``held`` CEC tables.
+    """
     chosen = f"functions = {functions}" if functions else ""
     section = "\n[siemens]\nmeasuring_system = 1\n" + ("products = true\n" if products else "")
     section += "" if held is None else f"cec_tables_held = {held}\n"
@@ -268,8 +272,9 @@ def siemens_profile(*, functions: str = "", products: bool = False, held: int | 
 
 
 def fanuc_profile(*, straightness: bool = False) -> str:
-    """Return the profile of a FANUC control: stored pitch error, and straightness where it has the
-    option."""
+    """Return the profile of a FANUC control: stored pitch error, and straightness if the control
+    has the option.
+    """
     own = 'existing = ["PITCH.TXT", "CNCPARAM.TXT"]'
     unit = "detection_unit_um = 1.0"
     section = (
@@ -316,8 +321,9 @@ def linuxcnc_profile() -> str:
 
 
 def _parameters() -> list[str]:
-    """Return the compensation parameters of a FANUC control as it was delivered: switched on, no
-    range set."""
+    """Return the compensation parameters of a FANUC control as delivered: switched on, without a
+    range.
+    """
     axes = (1, 2, 3)
     zero = "".join(f"A{axis}P0" for axis in axes)
     return [

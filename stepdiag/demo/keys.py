@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Keyboard:
-    """``ended`` is set when nothing more can come."""
+    """``ended`` is set at the end of the input."""
 
     number: int
     ended: bool = False
 
     def pressed(self) -> str:
-        """Return the key that was pressed since the last call, empty where none was."""
+        """Return the key pressed since the last call; empty without one."""
         if self.ended or not select.select([self.number], [], [], 0.0)[0]:
             return ""
         read = os.read(self.number, 1)
@@ -26,7 +26,7 @@ class Keyboard:
 
 @contextmanager
 def keyboard() -> Iterator[Keyboard]:
-    """Read single keys while the block runs; the terminal is as it was afterwards."""
+    """Read single keys while the block runs; afterwards the terminal has its earlier settings."""
     number = sys.stdin.fileno()
     if not os.isatty(number):
         yield Keyboard(number)

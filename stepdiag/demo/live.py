@@ -1,5 +1,6 @@
-"""``stepdiag demo --live``: the page over a virtual survey slow enough to be watched, with faults
-that a key causes."""
+"""``stepdiag demo --live``: the page with a virtual survey slow enough to watch, with faults that a
+key causes.
+"""
 
 import json
 import os
@@ -36,7 +37,7 @@ GO, END = "\n", "q"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
     """The action of a key: words for the viewer, and the fault of the virtual machine
-    (`stepdiag.virtual`). ``placed``: at the next stop.
+    (`stepdiag.virtual`). ``placed``: the fault strikes at the next stop.
     """
 
     does: Message
@@ -47,7 +48,7 @@ class Key:
     placed: bool = False
 
     def order(self, setup: str) -> str:
-        """Return the fault as the virtual machine takes it."""
+        """Return the fault in the form of the virtual machine's commands."""
         place = {"setup": setup} if self.placed else {}
         return "fault " + json.dumps(
             {
@@ -83,18 +84,17 @@ class Person(Protocol):
     """The viewer of the demo."""
 
     def opened(self, address: str, token: str) -> None:
-        """Take the address of the page, and the token for its buttons."""
+        """Store the address of the page, and the token for its buttons."""
 
     def show(self, line: Words) -> None:
         """Take an event."""
 
     def pressed(self) -> str:
-        """Return the key that was pressed since the last call, empty where none was; `END` ends the
-        demo."""
+        """Return the key pressed since the last call, empty without one; `END` ends the demo."""
 
 
 def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
-    """Run the survey before a viewer until the viewer ends it; all its files stay in ``folder``.
+    """Run the survey for a viewer until the viewer ends it; all its files remain in ``folder``.
 
     Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
@@ -121,8 +121,8 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
 
 @contextmanager
 def page_port() -> Iterator[int]:
-    """Yield the page's usual port, or a free port if another program has the usual port, or another
-    demo that may not listen yet.
+    """Yield the page's usual port, or a free port if another program uses it, or another demo that
+    may not listen yet.
     """
     with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -138,8 +138,8 @@ def page_port() -> Iterator[int]:
 
 
 def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:
-    """Let the survey run and obey the keys; return whether it is complete (else the viewer has
-    ended it).
+    """Let the survey run and execute the keys; return whether it is complete (otherwise the viewer
+    has ended it).
     """
     ended = False
 
@@ -171,7 +171,7 @@ def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) ->
 
 
 def _line(event: dict[str, str]) -> Words:
-    """Return what the terminal shows of the daemon's words; the page shows the rest."""
+    """Return the part of the daemon's messages for the terminal; the page shows the rest."""
     match event["event"]:
         case "waiting":
             return message("demo-waits", what=event["what"])

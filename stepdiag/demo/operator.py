@@ -1,5 +1,6 @@
-"""Virtual machine and daemon as processes, and the person at the control: starts setup after setup,
-drives again what is asked for."""
+"""Virtual machine and daemon as processes, and the person at the control, who starts one setup
+after another and drives requested passes again.
+"""
 
 import sys
 import time
@@ -15,28 +16,31 @@ from stepdiag.demo.processes import Talker, talking
 
 READY_S = 120.0
 SILENCE_S = 120.0
-"""The longest that is waited for the next word of the daemon."""
+"""Longest wait for the next message of the daemon, in s."""
 SOLVING_S = 900.0
-"""Longest time of solving in s: the solver gives way to everything else, and on a busy computer it
+"""Longest time of solving in s: the solver has the lowest priority, and on a busy computer it
 mostly waits.
 """
 HAND_S = 1.0
-"""A person starts the program when everything is seen to run, not within the daemon's first
-milliseconds."""
+"""Wait in s before the start: a person starts the program when everything runs, not within the
+daemon's first milliseconds.
+"""
 SETTLED_S = 2.0
-"""When the machine has ended its program, a daemon silent for so long has named what is still
-missing."""
+"""Silence of the daemon in s, after the end of the machine's program, after which it has named all
+missing passes.
+"""
 MOST_AGAIN = 20
-"""On a quiet computer hardly anything is driven again; with fifteen busy processes a core six times
-were not enough."""
+"""Largest number of repetitions: on a quiet computer hardly any pass is driven again; with fifteen
+busy processes a core six were not enough.
+"""
 LOOK_S = 0.02
 
 
 class Operator:
-    """The person at the control. ``setup`` is what is driven now, empty while the machine waits."""
+    """The person at the control. ``setup`` is the present setup, empty while the machine waits."""
 
     def __init__(self, hall: Talker, survey: Path, *, wait_s: float = 0.0) -> None:
-        """``wait_s`` is how long the operator looks at the page before each start."""
+        """``wait_s`` is the time for which the operator reads the page before each start."""
         self._hall = hall
         self._survey = survey
         self._wait_s = wait_s
@@ -58,16 +62,16 @@ class Operator:
             self._idle_since = 0.0 if self.setup else time.monotonic()
 
     def hurry(self) -> None:
-        """Start what comes next without waiting any longer."""
+        """Start the next setup without further waiting."""
         self._idle_since = self._idle_since and time.monotonic() - self._wait_s
 
     def heard(self) -> None:
-        """The daemon has spoken: what is missing is to be asked for anew."""
+        """Record a message of the daemon: the missing passes must be queried again."""
         self._asked = False
 
     def start(self, silent_s: float) -> None:
-        """Start the next setup where the machine waits; after the last one what the survey still
-        lacks, once the daemon is ``silent_s``.
+        """Start the next setup where the machine waits; after the last setup, the passes that the
+        survey still lacks, once the daemon has been silent for ``silent_s``.
 
         Raises DataError where it lacks something after having been driven again several times.
         """
@@ -118,7 +122,7 @@ def bench(config: Path, folder: Path) -> Iterator[Talker]:
 @contextmanager
 def daemon(survey: Path) -> Iterator[Talker]:
     """Run the daemon while the block runs, from the connection of laser and machine on; ``ready``
-    holds the page's address.
+    receives the page's address.
     """
     with talking(
         (sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True

@@ -25,10 +25,11 @@ REMEMBERED = 20
 
 @contextmanager
 def ended_in_order() -> Iterator[None]:
-    """End the block, and with it the processes it started, where this process receives SIGTERM or
-    its terminal is closed.
+    """End the block, and the processes it started, when this process receives SIGTERM or its
+    terminal is closed.
 
-    Python leaves such a process at once: virtual machine and daemon would stay without an owner.
+    Otherwise Python would end at once, and virtual machine and daemon would remain without an
+    owner.
     """
 
     def leave(number: int, _frame: object) -> None:

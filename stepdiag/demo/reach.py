@@ -1,5 +1,5 @@
-"""Reach of each control with the same survey: the files of each, loaded by its law, judged at
-unmeasured points.
+"""Remaining error with each control after the same survey: the files of each, loaded by its law,
+judged at unmeasured points.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.virtual.control.compensation import Control
 
 ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "profile-assumed")
-"""Warnings of a first export on a machine that is as bad as the demo's."""
+"""Warnings of a first export on a machine as inaccurate as the demo's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,7 @@ FORMS = (
 
 def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
     """Write the files of every form into ``folder`` and yield the active files; files named by the
-    profiles lie beside ``folder``.
+    profiles are beside ``folder``.
     """
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"

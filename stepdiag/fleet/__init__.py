@@ -1,7 +1,7 @@
-"""Many machines over years: an archive of finished surveys, what changed since when, and the old
-logs solved anew.
+"""Many machines over years: an archive of finished surveys, the changes and their times, and the
+old logs solved again.
 
 In: folders of finished surveys. Out: a store of files (a folder, or anything fsspec opens), and its
-contents as tables, JSON and a page. Nothing here runs while a machine is measured. Needs the extra
+contents as tables, JSON and a page. No part of it runs while a machine is measured. Needs the extra
 ``stepdiag[fleet]``; imported by `cli` only, inside its functions.
 """

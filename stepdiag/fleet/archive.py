@@ -22,7 +22,7 @@ from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sealed, sha25
 from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table, table_of, to_parquet
 
 MOST_LOOSE = 50
-"""Most tables beside the index before the index is made anew: each costs a query about a
+"""Largest number of tables beside the index before the index is rebuilt: each costs a query about a
 millisecond.
 """
 _ID_DIGITS = 16
@@ -41,7 +41,8 @@ class Added:
 
 def finished_in(folders: Sequence[Path]) -> list[Path]:
     """Return every folder at or below the given ones that holds a result beside its logs. Raises
-    UsageError where there is none."""
+    UsageError without such a folder.
+    """
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(
@@ -83,10 +84,11 @@ def undated(folder: Path) -> str:
 
 
 def add(folder: Path, store: Store) -> Added:
-    """Archive a finished survey. An archived survey is found there and nothing is written.
+    """Archive a finished survey. A survey that is already archived is found there, and nothing is
+    written.
 
     Raises DataError for an unreadable log or result, or for the same logs in the store with other
-    results; UsageError if the store cannot be written. A half-way end leaves a survey that is not
+    results; UsageError if the store cannot be written. An interruption leaves a survey that is not
     listed; the next call completes it.
     """
     result = result_in(folder / RESULT, str(folder / RESULT))
@@ -115,7 +117,9 @@ def add(folder: Path, store: Store) -> Added:
 
 
 def put_table(store: Store, place: Place, files: Mapping[str, str], table: bytes) -> None:
-    """Write the list of a survey's files, and behind it the table by which the survey is there."""
+    """Write the list of a survey's files, and then the table that makes the survey part of the
+    store.
+    """
     store.write_checked(place.listed, manifest_of(place, files, sha256(table)))
     store.write_checked(place.table, table)
 
@@ -131,10 +135,11 @@ def _content_of(log: bytes) -> str:
 
 
 def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
-    """Make the index anew if more than ``most_loose`` surveys stand beside it; return its number of
+    """Rebuild the index if more than ``most_loose`` surveys are outside it; return its number of
     points, 0 without a new index.
 
-    Of two writers at once the last index stays; its missing surveys are read from their own tables.
+    If two writers work at once, the last index stays; its missing surveys are read from their own
+    tables.
     """
     places = store.tables()
     known, held = _indexed(store, len(places))
@@ -155,7 +160,7 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
 
 def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
     """Return the index and the folders of the surveys in it; None for a missing or damaged index,
-    which is then made anew.
+    which is then rebuilt.
     """
     if not store.exists(INDEX):
         return None, set()
@@ -167,8 +172,8 @@ def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
 
 
 def _name_of(logs: Sequence[Path]) -> str:
-    """Return the name of a survey: from all records of its logs, packed or not. Raises DataError
-    for a damaged log.
+    """Return the name of a survey, computed from all records of its logs, packed or not. Raises
+    DataError for a damaged log.
     """
     sums = [digest(log) for log in logs]
     for log, each in zip(logs, sums, strict=True):
@@ -200,8 +205,9 @@ class _Files:
 
 
 def _packed_copy(folder: Path, copy: Path, logs: Sequence[Path], *, pack_logs: bool) -> _Files:
-    """Copy what belongs to a survey: its own files, no links and nothing hidden; its whole logs,
-    packed."""
+    """Copy the files that belong to a survey: its own files, without links and hidden files, and
+    its whole logs, packed.
+    """
     wanted = [
         path
         for path in sorted(folder.rglob("*"))
@@ -224,8 +230,7 @@ def _belongs(path: Path, folder: Path) -> bool:
 
 
 def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
-    """Raise DataError where the survey is there with another result; logs are the same by its
-    name."""
+    """Raise DataError where the survey exists with another result; equal names mean equal logs."""
     if store.listed(place).files[RESULT] != hashes.get(RESULT):
         raise DataError(
             f"{store.address}: {place.folder}/{RESULT}",

@@ -45,8 +45,8 @@ from stepdiag.fleet.tolerances import tolerances_in
 
 
 def check(store: Store) -> Iterator[tuple[str, Message]]:
-    """Read every byte of a store; yield (file or folder, its first link that fails) for every
-    change since writing.
+    """Read every byte of a store; yield (file or folder, its first broken link) for every change
+    since writing.
     """
     tables: dict[str, pa.Table] = {}
     for place in store.tables():
@@ -65,10 +65,10 @@ def check(store: Store) -> Iterator[tuple[str, Message]]:
 
 
 def verify_in_store(certificate: Path, address: str) -> Verified:
-    """Return whether a certificate follows from a store, and the first link that fails.
+    """Return whether a certificate follows from a store, and the first broken link.
 
-    The laboratory's file, which no store holds, stands beside the certificate. Raises DataError for
-    a file that is not a certificate, UsageError for an address that is not a store.
+    The laboratory's file is not in a store; it is read from beside the certificate. Raises
+    DataError for a file that is not a certificate, UsageError for an address that is not a store.
     """
     root, store = parsed(read_bytes(certificate), certificate.name), Store(address)
     links = custody_of(root)
@@ -118,10 +118,11 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
 
 
 def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
-    """Return a survey's table. Raises BrokenLinkError where it does not follow from its result.
+    """Return a survey's table. Raises BrokenLinkError where the table does not follow from its
+    result.
 
-    Its bytes too, where the same library wrote them: statistics and names of columns are no
-    numbers, and readers go by them.
+    If the same library wrote the table, its bytes are compared too: statistics and names of columns
+    are not numbers, and readers use them.
     """
     table, expected = (
         from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES),

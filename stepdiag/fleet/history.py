@@ -31,17 +31,17 @@ from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Every series of a store, by machine and quantity, and what is left out."""
+    """Every series of a store, by machine and quantity, and the quantities left out."""
 
     series: tuple[Series, ...]
     left_out: tuple[LeftOut, ...]
 
 
 def history_in(store: Store, now: datetime, machine: str = "", software: str = "") -> History:
-    """Return every quantity over time, by machine and name: of what was archived, or of what
-    ``software`` solved anew.
+    """Return every quantity over time, by machine and name: from the archived results, or from
+    results solved again by ``software``.
 
-    A table that is damaged is left out with its name. Raises DataError where there is nothing.
+    A table that is damaged is left out with its name. Raises DataError for a store without series.
     """
     places = store.tables()
     wanted = [
@@ -153,12 +153,12 @@ class _Columns:
 
 
 def _flat(column: pa.ListArray) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the numbers of a column of lists, and where each list begins."""
+    """Return the numbers of a column of lists, and the beginning of each list."""
     return column.values.to_numpy(), column.offsets.to_numpy().astype(np.int64)
 
 
 def history_of(table: pa.Table, now: datetime) -> History:
-    """Return the series of a table of `INDEX_SCHEMA`, and what is left out of them."""
+    """Return the series of a table of `INDEX_SCHEMA`, and the quantities left out."""
     columns = _Columns(table)
     rank = {name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")}
     machine, quantity = (rank[name][columns.codes[name]] for name in ("machine", "quantity"))
@@ -253,8 +253,8 @@ def _at_common_nodes(
     """Return a function at the nodes of its coarsest survey that all others cover: that survey has
     no values between its nodes.
 
-    Relative to the line through its ends there: surveys over other parts of the travel have another
-    zero and another line.
+    The values are relative to the line through its ends there: surveys over other parts of the
+    travel have another zero and another line.
     """
     coarsest = min(positions, key=len)
     low, high = (
@@ -279,4 +279,4 @@ def _at_common_nodes(
 
 
 ALMOST_MM = 0.01
-"""Nodes nearer than this are one."""
+"""Nodes closer than this count as one."""

@@ -1,8 +1,8 @@
-"""The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer
-unless a host is named.
+"""The page of a fleet: the sheet of `report`, made again when the store changes; on this computer
+only, unless a host is named.
 
-A browser shows the token once, in the address that the command prints, and has a cookie from then
-on; a program sends the token with each request.
+A browser sends the token once, in the address that the command prints, and then uses a cookie; a
+program sends the token with each request.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -48,7 +48,7 @@ class Sheets:
     def __init__(
         self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str
     ) -> None:
-        """``state`` is another one after every change of the store; ``trends`` reads it."""
+        """``state`` changes with every change of the store; ``trends`` reads the store."""
         self._state, self._trends, self._source = state, trends, source
         self._lock = Lock()
         self._of: Hashable = None
@@ -56,7 +56,7 @@ class Sheets:
         self._sheet: Callable[[Language], str] = lambda _: ""
 
     def found(self) -> Found:
-        """Return the trends. Raises what reading the store raises."""
+        """Return the trends. Raises the errors of reading the store."""
         with self._lock:
             state = self._state()
             if state != self._of:
@@ -77,8 +77,8 @@ class Sheets:
 def create_app(
     sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK
 ) -> Starlette:
-    """Return the page for holders of the token; ``names`` are the host names it answers to (DNS
-    rebinding).
+    """Return the page for holders of the token; ``names`` are the host names at which it answers
+    (DNS rebinding).
     """
     access = Access(token, lambda _address, _count: None)
 
@@ -127,8 +127,9 @@ def serve(app: Starlette, host: str, port: int) -> None:
 
 
 async def _let_in(request: Request, access: Access) -> Response:
-    """Return what leads a browser with the right token to the same page with a cookie; the token
-    does not stay in its address."""
+    """Return the answer that leads a browser with the right token to the same page with a cookie;
+    the token is removed from its address.
+    """
     if not await access.is_token(request, request.query_params["token"]):
         return _plain(message("wrong-token"), 401)
     answer = RedirectResponse(

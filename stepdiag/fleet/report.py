@@ -1,5 +1,5 @@
-"""All machines of a store on one sheet of HTML: a small multiple per machine, worst first; nothing
-is loaded from elsewhere.
+"""All machines of a store on one HTML sheet: a small chart per machine, worst first, without any
+request to the network.
 """
 
 import math
@@ -34,7 +34,8 @@ svg{width:100%;height:auto}text{font:9px system-ui,sans-serif;fill:#57606a}
 
 def worst_first(trends: Sequence[Trend]) -> list[tuple[str, list[Trend]]]:
     """Return the machines with their series: those outside a tolerance first, then by volumetric
-    error; equal ones by name."""
+    error; equal machines by name.
+    """
     machines: dict[str, list[Trend]] = {}
     for each in trends:
         machines.setdefault(each.series.machine, []).append(each)
@@ -63,7 +64,7 @@ def fleet_html(
 
 
 def _left_out(left_out: Sequence[LeftOut], words: Mapping[str, str], language: Language) -> str:
-    """Return which surveys no series holds, and why."""
+    """Return the surveys that are in no series, with the reason."""
     if not left_out:
         return ""
     rows = "".join(
@@ -111,8 +112,9 @@ def _card(
 
 
 def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
-    """Return the lines below the picture: changes, undecidable series, and where the tolerance is
-    left."""
+    """Return the lines below the picture: changes, undecidable series, and the times of leaving the
+    tolerance.
+    """
     unit = UNITS[trend.series.unit]
     name = trend.series.quantity
     if trend.series.other is not None:

@@ -1,10 +1,11 @@
-"""Today's solver over every archived survey: a task per survey, its result beside the old result.
+"""The present solver for every archived survey: a task per survey, its result stored beside the old
+result.
 
-The tasks run in processes of this computer, which have pipes and no ports, or on the workers of a
-Dask scheduler, by TLS with certificates on both sides: a scheduler runs any code that a client
-sends, so without a certificate every account of the computer is its owner. A lost worker costs its
-task, which another worker takes over; an ended run goes on at its place, since a survey in the
-store is not computed again. Without a change of software the bytes are the same: the self-test.
+The tasks run in processes of this computer, connected by pipes without ports, or on the workers of
+a Dask scheduler by TLS with certificates on both sides: a scheduler runs any code from a client, so
+without a certificate every account of the computer could control it. A lost worker costs only its
+task, which another worker takes over; an ended run continues at its place, since a survey in the
+store is not computed again. Without a change of software the bytes are equal, which is a self-test.
 """
 
 import json
@@ -43,14 +44,15 @@ from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.walls.confine import die_with_parent
 
 IN_FLIGHT = 200
-"""Surveys in the scheduler at a time: its memory does not grow with the store."""
+"""Number of surveys in the scheduler at a time, so that its memory does not grow with the store."""
 RETRIES = 3
 """Number of new tries of a survey after the loss of its worker or of the store."""
 ROUNDING = 0.002
-"""The same readings give the same figure; more than this (um, urad, um/m) is more than its last
-written digit."""
+"""Tolerance for the same readings: a larger difference (um, urad, um/m) exceeds the last written
+digit.
+"""
 WORKER_MEMORY = 2 * 10**9
-"""Bytes of data that a worker of this computer may hold."""
+"""Largest memory of a worker of this computer in bytes."""
 PATIENCE_S = 20
 """Longest time to reach the scheduler in s."""
 
@@ -67,7 +69,7 @@ class Solved:
     reason: Words = ""
 
     def as_json(self) -> dict[str, Any]:
-        """Return it for programs."""
+        """Return the outcome for programs."""
         return {
             "survey": self.place.folder,
             "outcome": self.outcome,
@@ -86,8 +88,9 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scheduler:
-    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) by which both sides prove who they
-    are."""
+    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) with which both sides prove their
+    identity.
+    """
 
     address: str
     ca: Path
@@ -96,7 +99,7 @@ class Scheduler:
 
     def connected(self) -> Client:
         """Return a client of the scheduler. Raises DeviceError if the scheduler cannot be reached,
-        or proves to be another.
+        or has another identity.
         """
         try:
             security = Security(
@@ -116,8 +119,8 @@ class Scheduler:
 def resolve(
     store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = ""
 ) -> Iterator[Solved]:
-    """Solve surveys anew ``by`` so many processes of this computer, or on a scheduler's workers;
-    yield each finished survey.
+    """Solve surveys again ``by`` a number of processes of this computer, or on a scheduler's
+    workers; yield each finished survey.
 
     ``survey`` is the text of a survey file that replaces unreadable survey files in the logs.
 
@@ -153,8 +156,9 @@ def resolve(
 def _solved_here(
     store: Store, places: Sequence[Place], workers: int, survey: str
 ) -> Iterator[Solved]:
-    """Solve surveys in so many lanes of this computer: a thread each, which waits for a process of
-    its own."""
+    """Solve surveys on several threads of this computer, each of which waits for its own
+    process.
+    """
     lanes: SimpleQueue[_Lane] = SimpleQueue()
     for _ in range(workers):
         lanes.put(_Lane())
@@ -179,13 +183,13 @@ def _in_a_lane(lanes: "SimpleQueue[_Lane]", address: str, place: Place, survey: 
 
 
 class _Lane:
-    """Process after process: a lost process is replaced, and its survey begun anew."""
+    """A lost process is replaced, and its survey begins again."""
 
     def __init__(self) -> None:
         self._process: ProcessPoolExecutor | None = None
 
     def solve(self, address: str, place: Place, survey: str) -> Solved:
-        """Solve a survey; a survey that kills every process has failed."""
+        """Solve a survey; a survey that ends every process has failed."""
         for _ in range(1 + RETRIES):
             if self._process is None:
                 self._process = ProcessPoolExecutor(
@@ -221,8 +225,8 @@ def _lost(place: Place) -> Solved:
 
 
 def _outcome(future: Any, place: Place) -> Solved:
-    """Return the outcome of a task; a survey that kills every worker has failed, without an end of
-    the run.
+    """Return the outcome of a task; a survey that ends every worker has failed, without ending the
+    run.
     """
     try:
         solved: Solved = future.result()
@@ -232,7 +236,7 @@ def _outcome(future: Any, place: Place) -> Solved:
 
 
 def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str = "") -> Solved:
-    """Solve a survey of a store anew and write the differences beside it; a failure is reported,
+    """Solve a survey of a store again and write the differences beside it; a failure is reported,
     not raised.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -260,7 +264,7 @@ def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str 
 
 def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | None:
     """Return a file with the survey that replaces the survey in a log; None if the log's own survey
-    is readable: it states the drive of the survey.
+    is readable, because it states the drive of the survey.
 
     Raises UsageError for an invalid survey, DataError for a survey of another machine.
     """
@@ -279,8 +283,9 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 
 
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
-    """Write the new result and its numbers; return which figures are others now, beyond rounding:
-    the readings are the same."""
+    """Write the new result and its numbers; return the figures that differ by more than rounding:
+    the readings are the same.
+    """
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
@@ -300,7 +305,9 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
-    """Copy logs, words and result of a survey out of the store, each compared with its hash."""
+    """Copy logs, statements and result of a survey out of the store, each compared with its
+    hash.
+    """
     archived = store.listed(place).files
     folder.mkdir()
     for name in (

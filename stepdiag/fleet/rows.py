@@ -28,7 +28,7 @@ class Row:
     """A number of a result. ``axis`` is the moving axis, empty for a squareness; ``u`` is at ``k``
     = 1, None if not stated.
 
-    ``u_common`` is the common part of ``u`` of all surveys by the same instruments. ``low`` and
+    ``u_common`` is the part of ``u`` common to all surveys with the same instruments. ``low`` and
     ``high`` are the ends (k = 2) of a figure whose interval is skewed: ``u`` is a quarter of its
     width then.
     """
@@ -147,7 +147,7 @@ def _listed(function: Function) -> list[float | None]:
 
 
 def _u_um(interval: Interval) -> float | None:
-    """Return the standard uncertainty that an interval at k = 2 stands for."""
+    """Return the standard uncertainty that corresponds to an interval at k = 2."""
     return (
         None
         if interval.low_um is None or interval.high_um is None
@@ -170,8 +170,9 @@ def _time(facts: Facts, source: str) -> datetime:
 
 
 def _conditions(result: Result, facts: Facts) -> dict[str, Any]:
-    """Return the sensors' extremes, what compensation was active, by the beginning of its hashes,
-    and what the result compares with."""
+    """Return the sensors' extremes, the active compensation (the beginning of its hashes), and the
+    facts for comparison.
+    """
     hashes = sorted(each.sha256[:12] for each in facts.active_files)
     return {
         "sensors": written(result.conditions or Conditions()),

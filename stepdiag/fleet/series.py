@@ -1,4 +1,4 @@
-"""A quantity of a machine over time, and which of its surveys are held against one another."""
+"""A quantity of a machine over time, and which of its surveys can be compared."""
 
 import json
 import math
@@ -16,17 +16,20 @@ from stepdiag.fleet.rows import LARGEST, RMS
 
 Array = NDArray[np.float64]
 EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
-"""No survey of this kind is older: a clock that was never set shows 1970 or 1980."""
+"""Oldest possible time: a clock that was never set shows 1970 or 1980."""
 AHEAD = timedelta(days=2)
-"""A clock may be in another time zone and slow; a survey from later than this is dated wrongly."""
+"""Tolerance for a clock in another time zone and a slow clock; a survey from later than this is
+dated wrongly.
+"""
 OF_VOLUME = (RMS, LARGEST)
-"""Quantities that mean something else in another volume."""
+"""Quantities with another meaning in another volume."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """One survey; ``active`` are the hashes of the tables that were loaded, ``standing`` decides
-    with what it is held against others."""
+    """One survey; ``active`` are the hashes of the loaded tables, ``standing`` decides with which
+    surveys it is compared.
+    """
 
     time: datetime
     name: str
@@ -37,8 +40,9 @@ class Survey:
 
 
 class Point(NamedTuple):
-    """One quantity in one survey as a person reads it; ``u`` is None where none is stated, ``low``
-    and ``high`` NaN where it is even."""
+    """One quantity in one survey in the form for a person; ``u`` is None without a stated one,
+    ``low`` and ``high`` NaN for an even interval.
+    """
 
     survey: Survey
     value: float
@@ -52,8 +56,9 @@ class Point(NamedTuple):
         return self.survey.time
 
     def interval(self) -> tuple[float, float]:
-        """Return the magnitudes between which the figure lies at k = 2; the figure itself twice
-        where no uncertainty is stated."""
+        """Return the magnitudes between which the figure lies at k = 2; twice the figure itself
+        without a stated uncertainty.
+        """
         if math.isfinite(self.low) and math.isfinite(self.high):
             return self.low, self.high
         expanded = 2 * (self.u or 0.0)
@@ -63,11 +68,11 @@ class Point(NamedTuple):
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
     """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes
-    (surveys, nodes), NaN for what is not stated.
+    (surveys, nodes), NaN for missing values.
 
-    ``common`` is the share of u that surveys by the same instruments have in common, ``shown`` what
-    a person reads: value, u, low, high. ``other`` is why these surveys stand beside the others of
-    the machine, None for those that are held against one another.
+    ``common`` is the share of u that surveys with the same instruments have in common, ``shown``
+    the figures for a person: value, u, low, high. ``other`` is the reason why these surveys are
+    separate from the others of the machine, None for those that are compared.
     """
 
     machine: str
@@ -83,18 +88,18 @@ class Series:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """Return the figures as a person reads them."""
+        """Return the figures in the form for a person."""
         return tuple(map(self.point, range(len(self.surveys))))
 
     def point(self, number: int) -> Point:
-        """Return one figure as a person reads it."""
+        """Return one figure in the form for a person."""
         value, u, low, high = self.shown[number].tolist()
         return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOut:
-    """A survey that no series holds, and why."""
+    """A survey that is in no series, and the reason."""
 
     machine: str
     name: str
@@ -124,7 +129,7 @@ def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
 
 
 def _typed(value: Any, usual: Any) -> Any:
-    """Return a value where it is of the type of the usual one; a list becomes a tuple."""
+    """Return a value if it has the type of the usual one; a list becomes a tuple."""
     if isinstance(usual, tuple):
         return (
             tuple(value)
@@ -141,8 +146,7 @@ Groups = list[tuple[dict[int, Survey], Message | None]]
 def parted(
     machine: str, surveys: Mapping[int, Survey], now: datetime
 ) -> tuple[Groups, list[LeftOut]]:
-    """Return the surveys that are held against one another, the newest's first, and those that are
-    left out."""
+    """Return the surveys that can be compared, the newest's first, and the surveys left out."""
     kept: dict[int, Survey] = {}
     left_out = []
     for key, each in surveys.items():
@@ -179,7 +183,7 @@ def middle_of(shown: Array) -> Array:
 
 
 def by_volume(series: Series) -> Iterator[Series]:
-    """Yield a figure of the volume over each volume by itself, the newest's first."""
+    """Yield a figure of the volume separately for each volume, the newest's first."""
     left = list(range(len(series.surveys)))
     newest = series.surveys[-1].standing
     while left:

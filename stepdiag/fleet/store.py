@@ -1,4 +1,4 @@
-"""The store: files below a folder, a network share or a bucket, written whole, once, and never
+"""The store: files below a folder, a network share or a bucket, written completely, once, and never
 changed.
 
     stepdiag-store.json                            which layout
@@ -10,12 +10,12 @@ changed.
     series.index                                   every quantity of every survey, in one file, for
     speed; made again at any time
 
-Every byte behind a figure is under a hash that is compared: `archived.json` states the hash of the
-survey's files and of its table, and has a canonical form itself; the index begins with the hash of
-the rest.
+Every byte behind a figure belongs to a hash that is compared: `archived.json` states the hash of
+the survey's files and of its table, and has a canonical form itself; the index begins with the hash
+of the rest.
 
-Two writers at once do not meet: they write under names of their own, and rename. Names of machines
-are percent-encoded.
+Two writers at once do not disturb each other: they write under different names, and rename. Names
+of machines are percent-encoded.
 """
 
 import hashlib
@@ -43,11 +43,11 @@ MARK, INDEX, LISTED = "stepdiag-store.json", "series.index", "archived.json"
 LISTED_FORMAT, LISTED_VERSION = "stepdiag-archived", 1
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 4_000_000
-"""As a list of files: 20,000 names with their hashes. Parsing takes up to thirty times as much
-memory.
+"""Largest size as a list of files: 20,000 names with their hashes. Parsing takes up to thirty times
+as much memory.
 """
 LARGEST_FILE_BYTES = 4_000_000_000
-"""Of a survey's file: it is copied and hashed piece by piece."""
+"""Largest size of a survey's file: it is copied and hashed piece by piece."""
 _PIECE_BYTES = 1_000_000
 INDEX_REMEDY = message("remove-table")
 _SHA256 = re.compile("[0-9a-f]{64}")
@@ -67,7 +67,7 @@ class Listed(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The place of a survey in the store; ``software`` is the version that solved it anew, empty
+    """The place of a survey in the store; ``software`` is the version that solved it again, empty
     for the archived result.
     """
 
@@ -78,24 +78,25 @@ class Place(NamedTuple):
 
     @property
     def folder(self) -> str:
-        """Return the folder of its files, seen from the store."""
+        """Return the folder of the survey's files, relative to the store."""
         behind = f"@{quote(self.software, safe='.+')}" if self.software else ""
         return f"{machine_folder(self.machine)}/year={self.year}/{self.survey}{behind}"
 
     @property
     def table(self) -> str:
-        """Return the file of its numbers."""
+        """Return the file of the survey's numbers."""
         return self.folder + TABLE_SUFFIX
 
     @property
     def listed(self) -> str:
-        """Return the list of its files with their hashes."""
+        """Return the list of the survey's files with their hashes."""
         return f"{self.folder}/{LISTED}"
 
 
 def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
-    """Return the list of a survey's files with their SHA-256; ``table`` is that of its numbers,
-    empty in what older versions wrote."""
+    """Return the list of a survey's files with their SHA-256; ``table`` is the hash of its numbers,
+    empty in lists by older versions.
+    """
     stated = {"table": table} if table else {}
     manifest = {
         "format": LISTED_FORMAT,
@@ -108,14 +109,14 @@ def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return bytes behind their own hash: a single file, so that no reader meets the hash of
-    another writer.
+    """Return bytes preceded by their own hash, in a single file, so that no reader can combine it
+    with the hash of another writer.
     """
     return sha256(data).encode() + b"\n" + data
 
 
 def unsealed(data: bytes, name: str) -> bytes:
-    """Return the bytes behind their hash. Raises DataError where they are others."""
+    """Return the bytes after their hash. Raises DataError where hash and bytes differ."""
     stated, _, rest = data.partition(b"\n")
     if stated != sha256(rest).encode():
         raise DataError(
@@ -131,8 +132,8 @@ class Store:
     """One store. Every failure of the place itself is a UsageError with the name of the file."""
 
     def __init__(self, address: str, *, create: bool = False) -> None:
-        """Open a store: a folder, or an address for fsspec. Raises UsageError where there is none,
-        or one of a newer version.
+        """Open a store: a folder, or an address for fsspec. Raises UsageError where there is no
+        store, or a store of a newer version.
         """
         self.address = address
         with refusing(address):
@@ -144,7 +145,7 @@ class Store:
         self._require_known()
 
     def path(self, name: str) -> str:
-        """Return a name within the store as its file system writes it."""
+        """Return a name within the store in the form of its file system."""
         return f"{self.root}/{name}"
 
     def exists(self, name: str) -> bool:
@@ -189,8 +190,8 @@ class Store:
         return found.hexdigest()
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
-        """Write a file whole or not at all, and on the disk on return; not ``anew``, a file written
-        meanwhile stays.
+        """Write a file completely or not at all, synced to the disk on return; unless ``anew``, a
+        file written meanwhile is kept.
         """
         target = self.path(name)
         with refusing(name):
@@ -206,8 +207,8 @@ class Store:
     def write_checked(
         self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256
     ) -> bytes:
-        """Write a file, read it back and return its bytes; an existing file of the same meaning
-        stays, its bytes unless replaced.
+        """Write a file, read it back and return its bytes; an existing file with the same meaning
+        is kept with its bytes, unless replaced.
 
         Raises DataError if another file is there, or comes back.
         """
@@ -227,8 +228,9 @@ class Store:
         return there
 
     def state(self) -> tuple[object, ...]:
-        """Return something that is another after every change: which surveys are there, and when
-        index and tolerances were written."""
+        """Return a value that changes with every change of the store: the surveys, and the times of
+        index and tolerances.
+        """
         stamps = []
         for name in (INDEX, "tolerances.toml"):
             with refusing(name):
@@ -240,8 +242,9 @@ class Store:
         return (tuple(self.tables()), *stamps)
 
     def tables(self) -> list[Place]:
-        """Return every survey that is whole, by machine, year and name; what was solved anew behind
-        what was archived."""
+        """Return every complete survey, by machine, year and name; results that were solved again
+        follow the archived ones.
+        """
         with refusing(self.address):
             known = (
                 _local_tables(Path(self.root))
@@ -252,7 +255,7 @@ class Store:
         return sorted(map(_place, map(str, found)))
 
     def json(self, name: str) -> Any:
-        """Return a JSON file of ours. Raises DataError where it is none."""
+        """Return a JSON file of ours. Raises DataError where the list is invalid."""
         data = self.read(name, largest=LARGEST_JSON_BYTES)
         try:
             return json.loads(data)
@@ -260,8 +263,8 @@ class Store:
             raise DataError(f"{self.address}: {name}", expected="JSON", found=str(error)) from error
 
     def listed(self, place: Place) -> Listed:
-        """Return the hashes of a survey's files and table. Of a survey that an older version solved
-        anew there are none.
+        """Return the hashes of a survey's files and table. A survey solved again by an older
+        version has none.
 
         Raises DataError where the list is not, to the byte, as it is written.
         """
@@ -312,8 +315,8 @@ class Store:
 
 @contextmanager
 def refusing(name: str) -> Iterator[None]:
-    """Report the refusal of the place of the store: full, away, not allowed, or an address that
-    nothing opens.
+    """Report why the place of the store refuses: full, absent, not allowed, or an unknown kind of
+    address.
     """
     try:
         yield
@@ -333,7 +336,9 @@ def _is_hash(text: object) -> bool:
 
 
 def _local_tables(root: Path) -> Iterator[str]:
-    """Yield what the glob would, in a tenth of its time: of a folder only names are read."""
+    """Yield the same paths as the glob, in a tenth of its time: only the names in a folder are
+    read.
+    """
     for machine in _names(root, "machine="):
         for year in _names(root / machine, "year="):
             yield from (
@@ -359,8 +364,8 @@ def _place(path: str) -> Place:
 
 
 def _publish(part: Path, target: Path, *, anew: bool) -> None:
-    """Give a written file its name; if the share has links, another writer's file of this name
-    stays.
+    """Rename a written file; if the share has links, another writer's file with this name is
+    kept.
     """
     if not anew:
         try:

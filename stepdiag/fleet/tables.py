@@ -1,9 +1,9 @@
-"""The rows of a result as a Parquet file, and the index of many: texts that repeat stored once,
-zstd.
+"""The rows of a result as a Parquet file, and the index of many results: repeated texts are stored
+once, with zstd.
 
 A row of the index is a quantity in a survey: its nodes in three lists, and the figure of a table. A
-function is shown by its range, with the uncertainty of the difference of its extremes; a number is
-itself.
+function is represented by its range, with the uncertainty of the difference of its extremes; a
+number by itself.
 """
 
 import io
@@ -54,7 +54,7 @@ SCHEMA = pa.schema(
 COLUMNS = tuple(SCHEMA.names)
 _BY = "parquet-cpp-arrow version "
 PLACE = "place"
-"""The column behind the others of a point: the folder of its survey."""
+"""The last column of a point: the folder of its survey."""
 _LIST = pa.list_(pa.float32())
 _OF_SURVEY = ("survey", "time", "event", "conditions", "software")
 INDEX_SCHEMA = pa.schema(
@@ -70,8 +70,9 @@ INDEX_SCHEMA = pa.schema(
         (PLACE, _WORD),
     ]
 )
-"""``value``, ``u``, ``low``, ``high``: what a table shows; ``common``: the share of u that surveys
-by the same instruments share."""
+"""``value``, ``u``, ``low``, ``high``: the figures of a table; ``common``: the share of u common to
+surveys with the same instruments.
+"""
 MOST_ROWS = 300_000
 """A survey of every kind of setup has a few thousand rows, a single axis at most as many as its
 readings.
@@ -80,7 +81,7 @@ MOST_POINTS_A_SURVEY = 100
 """A result has 18 functions, 3 squarenesses, 3 scales and 2 figures of the volume: 26
 quantities."""
 LARGEST_POINT_BYTES = 4000
-"""The conditions of a survey stand beside each of its points, and the nodes of a function: three
+"""Each point is stored with the conditions of its survey, and a function with its nodes: three
 numbers each.
 """
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
@@ -98,8 +99,9 @@ def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
 
 
 def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
-    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows comes with
-    the folder of its survey."""
+    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows is given
+    with the folder of its survey.
+    """
     found = [row for table, folder in tables for row in _quantities(table, folder)]
     return pa.table(
         {name: [row[name] for row in found] for name in INDEX_SCHEMA.names}, schema=INDEX_SCHEMA
@@ -144,7 +146,8 @@ def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, 
 
 def to_parquet(table: pa.Table, result: str = "") -> bytes:
     """Return the bytes of a table: the same for the same rows. ``result`` is the SHA-256 of the
-    result that the rows are from."""
+    result of the rows.
+    """
     out = io.BytesIO()
     with pq.ParquetWriter(
         out,
@@ -162,7 +165,7 @@ def to_parquet(table: pa.Table, result: str = "") -> bytes:
 
 
 def result_named(data: bytes) -> str:
-    """Return the SHA-256 of the result named by a table; empty if none. Raises DataError for a
+    """Return the SHA-256 of the result named by a table; empty without one. Raises DataError for a
     damaged table.
     """
     with _damage_named("parquet"):
@@ -170,8 +173,8 @@ def result_named(data: bytes) -> str:
 
 
 def written_by_another(data: bytes) -> bool:
-    """Return whether another version of the library wrote a table, so that the same rows are other
-    bytes; the file states its version twice.
+    """Return whether another version of the library wrote a table, so that the bytes of equal rows
+    differ; the file states its version twice.
     """
     with _damage_named("parquet"):
         metadata = pq.read_metadata(pa.BufferReader(data))
@@ -190,8 +193,8 @@ def read_table(store: Store, place: Place) -> pa.Table:
     """Return the rows of a survey, a table of `SCHEMA`, whose bytes have the hash in the list of
     its files.
 
-    Without a hash (older versions), the rows are compared with the rows of its result. Raises
-    DataError as `from_parquet` and `Store.listed` do, and for other bytes or rows.
+    Without a hash (older versions), the rows are compared with the rows of its result. Raises the
+    DataError of `from_parquet` and `Store.listed`, also for other bytes or rows.
     """
     return _rows_in(store, place, store.listed(place).table)
 
@@ -225,8 +228,9 @@ def rows_from(result: bytes, place: Place) -> pa.Table:
 
 
 def read_index(store: Store, surveys: int) -> pa.Table:
-    """Return the points of a store that has so many surveys, a table of `INDEX_SCHEMA`. Raises
-    DataError as `from_parquet` does."""
+    """Return the points of a store with the given number of surveys, a table of `INDEX_SCHEMA`.
+    Raises the DataError of `from_parquet`.
+    """
     most = MOST_POINTS_A_SURVEY * surveys
     largest = max(LARGEST_BYTES, LARGEST_POINT_BYTES * most)
     data = unsealed(store.read(INDEX, largest=largest), INDEX)
@@ -240,7 +244,7 @@ def from_parquet(
 
     Raises DataError for a file that is damaged, foreign, of a newer version, too large, or with an
     impossible value. A few hundred kilobytes can hold millions of rows, so the end of the file is
-    checked before anything is unpacked.
+    checked before unpacking.
     """
     with _damage_named(name):
         metadata = pq.read_metadata(pa.BufferReader(data))
@@ -301,7 +305,9 @@ def _require_small(metadata: pq.FileMetaData, name: str, most_rows: int, largest
 
 
 def _require_values(table: pa.Table, name: str) -> None:
-    """Raise DataError for a row with nothing, or with a number or a time, that no result has."""
+    """Raise DataError for an empty row, or a row with a number or a time that is impossible in a
+    result.
+    """
     wrong = [
         column for column in _REQUIRED if column in table.column_names and table[column].null_count
     ]
@@ -336,8 +342,9 @@ def _require_values(table: pa.Table, name: str) -> None:
 
 
 def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
-    """Return whether every quantity has as many uncertainties as values, and as many positions or
-    none."""
+    """Return whether every quantity has the same number of uncertainties and values, and the same
+    number of positions or none.
+    """
     positions, values, us = (
         pc.list_value_length(lists[name]) for name in ("positions", "values", "us")
     )
@@ -348,7 +355,7 @@ def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
 
 
 def _all(holds: pa.ChunkedArray) -> bool:
-    """Return whether a condition holds wherever there is a value."""
+    """Return whether a condition is true for every value present."""
     return pc.all(holds, min_count=0).as_py() is not False
 
 

@@ -44,8 +44,8 @@ def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
     """Return a row per series: the last figure with its U, its trend, the time of leaving its
     tolerance.
 
-    Not ``whole``: every machine's volumetric error, and every changed or open series; the caption
-    counts the others.
+    If not ``whole``, only every machine's volumetric error and every changed or open series; the
+    caption states the number of the others.
     """
     rows = trends if whole else [each for each in trends if _worth_a_row(each)]
     caption = (
@@ -92,7 +92,9 @@ def _figure(point: Point, unit: str) -> str:
 
 
 def leaves(trend: Trend) -> str:
-    """Return the verdict about the last figure, and when the series leaves its tolerance."""
+    """Return the verdict about the last figure, and the time at which the series leaves its
+    tolerance.
+    """
     if trend.conformity is None:
         return "-"
     verdict = shown(message(PHRASES[trend.conformity], limit=trend.tolerance or 0.0))
@@ -122,8 +124,9 @@ def as_csv(trends: Sequence[Trend]) -> str:
 
 
 def as_json(trends: Sequence[Trend], left_out: Sequence[LeftOut]) -> dict[str, Any]:
-    """Return the series with what became of them, and what is left out, for programs; every U is at
-    k = 2."""
+    """Return the series with their trends, and the quantities left out, for programs; every U is at
+    k = 2.
+    """
     return {
         "series": [_series_json(each) for each in trends],
         "left_out": [_left_out_json(each) for each in left_out],
@@ -214,7 +217,7 @@ def _rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
 
 
 def _safe(words: str) -> str:
-    """Return a text that a spreadsheet shows and does not compute."""
+    """Return a text in a form that a spreadsheet shows without computing it."""
     return f"'{words}" if words.startswith(("=", "+", "-", "@", "\t")) else words
 
 

@@ -1,4 +1,4 @@
-"""Tolerances of the works in a file of the store, for all machines and for single machines.
+"""Tolerances of the company in a file of the store, for all machines and for single machines.
 
 [all]
 volumetric-rms = 15.0
@@ -25,8 +25,9 @@ Largest = Annotated[float, Meta(gt=0, le=1e6)]
 
 
 class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitude allowed, by quantity, in its unit; a machine's own stands before that
-    of all."""
+    """The largest magnitude allowed, by quantity, in its unit; a machine's own has priority over
+    that of all.
+    """
 
     all: dict[str, Largest] = field(default_factory=dict)
     machine: dict[str, dict[str, Largest]] = field(default_factory=dict)
@@ -36,7 +37,9 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return self.machine.get(machine, {}).get(quantity, self.all.get(quantity))
 
     def together_with(self, given: Mapping[str, float]) -> "Tolerances":
-        """Return these with others that are meant for every machine, beside the file."""
+        """Return these tolerances together with others, given outside the file, for every
+        machine.
+        """
         own = {
             name: {quantity: value for quantity, value in of.items() if quantity not in given}
             for name, of in self.machine.items()
@@ -45,9 +48,9 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def tolerances_in(store: Store) -> Tolerances:
-    """Return the contents of the store's file, empty without a file. Raises UsageError for a file
-    that is wrong. Raises DataError for another hash beside it
-    (``sha256sum tolerances.toml > tolerances.toml.sha256``).
+    """Return the contents of the store's file, empty without a file. Raises UsageError for an
+    invalid file. Raises DataError if the hash beside it differs (``sha256sum tolerances.toml >
+    tolerances.toml.sha256``).
     """
     if not store.exists(FILE):
         return Tolerances()
@@ -64,8 +67,9 @@ def tolerances_in(store: Store) -> Tolerances:
 
 
 def require_known(tolerances: Tolerances, series: Sequence[Series], source: str) -> None:
-    """Raise UsageError for a quantity that no machine of the store has: a word mistyped would watch
-    over nothing."""
+    """Raise UsageError for a quantity that no machine of the store has: a mistyped word would have
+    no effect.
+    """
     known = {each.quantity for each in series}
     unknown = sorted(
         {*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known

@@ -1,8 +1,8 @@
-"""Changes on each machine of a store, their time and cause; and the time when a figure leaves its
-tolerance.
+"""Changes of each machine of a store, their time and cause; and the time at which a figure leaves
+its tolerance.
 
-The model of a machine over time: `stepdiag.comparing.evolution`. A day of leaving comes from an
-accepted line, towards the tolerance alone.
+The model of a machine over time: `stepdiag.comparing.evolution`. A date of leaving comes only from
+an accepted line towards the tolerance.
 """
 
 import math
@@ -35,7 +35,7 @@ from stepdiag.texts.texts import UNITS
 Array = NDArray[np.float64]
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
-"""Beyond this a date is no information about a machine."""
+"""Time in the future beyond which a date is no information about a machine."""
 STATES = ("yes", "perhaps", "no")
 CONFORMITY: dict[str, Conforming] = {
     "yes": "not_conform",
@@ -46,8 +46,9 @@ CONFORMITY: dict[str, Conforming] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
-    """When the line reaches the tolerance, and between which dates at k = 2; None is not before
-    `LATEST`. ``tolerance`` has its sign."""
+    """The time at which the line reaches the tolerance, and its interval at k = 2; None means not
+    before `LATEST`. ``tolerance`` has its sign.
+    """
 
     tolerance: float
     earliest: datetime | None
@@ -59,8 +60,9 @@ class Leaving:
 class Trend:
     """The trend of a series.
 
-    ``outside`` is None without a tolerance, else whether the last survey is certainly outside
-    ("yes"), "perhaps", or "no". A figure without a stated uncertainty is perhaps outside.
+    ``outside`` is None without a tolerance; otherwise it states whether the last survey is
+    certainly outside ("yes"), "perhaps", or "no". A figure without a stated uncertainty counts as
+    perhaps outside.
     """
 
     series: Series
@@ -86,7 +88,7 @@ class Trend:
 
     @property
     def line(self) -> Course | None:
-        """Return the line that is still going on, None where there is none."""
+        """Return the line that still continues, None without one."""
         return next((each for each in self.explained.courses if each.kind == "line"), None)
 
     @property
@@ -95,8 +97,7 @@ class Trend:
         return tuple(each for each in self.explained.courses if each.kind == "step")
 
     def cause(self, course: Course) -> Message | str:
-        """Return what happened in the time in which a step lies; empty where no survey names
-        anything."""
+        """Return the events in the time in which a step lies; empty if no survey names an event."""
         surveys = self.series.surveys
         named = [
             surveys[at].event
@@ -129,7 +130,7 @@ def trends_of(
 def _of_machine(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> Iterator[Trend]:
-    """Yield the trends of the quantities of one machine, which are asked together."""
+    """Yield the trends of the quantities of one machine, which are tested together."""
     surveys = sorted(
         {each.name: each for one in series for each in one.surveys}.values(),
         key=lambda each: (each.time, each.name),
@@ -177,9 +178,9 @@ def _calendar(surveys: Sequence[Survey]) -> Calendar:
 def _own(series: Series) -> Array:
     """Return the own uncertainties of each survey, shape (surveys, nodes).
 
-    The common part of surveys by the same instruments is left out. Other instruments have a share
-    of their own: all of their surveys are off together, which counts like a deviation sqrt(n) times
-    as large of each of n surveys alone.
+    The common part of surveys with the same instruments is left out. Other instruments have another
+    common part: all of their surveys share one deviation, which has the effect of a deviation
+    sqrt(n) times as large in each of n surveys.
     """
     common = series.common[:, None] * series.u
     squared = series.u**2 - common**2
@@ -195,8 +196,9 @@ def _own(series: Series) -> Array:
 
 
 def rank(trend: Trend) -> tuple[int, float]:
-    """Return how bad the last figure is: beyond its tolerance first, then against its tolerance
-    where there is one, else against its U."""
+    """Return a measure of how bad the last figure is: first whether it is beyond its tolerance,
+    then its ratio to the tolerance, or without one to its U.
+    """
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
     beyond = STATES.index(trend.outside) if trend.outside in STATES else len(STATES)
@@ -206,11 +208,11 @@ def rank(trend: Trend) -> tuple[int, float]:
 def _leaving(
     series: Series, found: Explained, scattered: float, tolerance: float
 ) -> Leaving | None:
-    """Return the time when the line, and its band at k = 2, cross the tolerance ahead of it; a date
-    in the past stands for now.
+    """Return the time at which the line, and its band at k = 2, will cross the tolerance; the
+    present for a date in the past.
 
-    None without a line, or for a line away from the tolerance: a figure that is a magnitude leaves
-    by growing alone. Beside a season the mean of the year leaves.
+    None without a line, or for a line away from the tolerance: a magnitude leaves only by growing.
+    With a season, the mean of the year is used.
     """
     line = next((each for each in found.courses if each.kind == "line"), None)
     kept = np.isfinite(series.shown[:, 1]) & (series.shown[:, 1] > 0)
@@ -267,7 +269,7 @@ def _leaving(
 
 
 def _centred(series: Series) -> Array:
-    """Return the shown figures; a figure with a skewed interval by its middle."""
+    """Return the shown figures; for a figure with a skewed interval its middle."""
     middle = series.shown[:, 2:].mean(axis=1)
     centred: Array = np.where(np.isfinite(middle), middle, series.shown[:, 0])
     return centred
@@ -280,15 +282,17 @@ def _outside(last: Point, tolerance: float) -> str:
 
 
 def already_perhaps(trend: Trend) -> bool:
-    """Return whether the last figure may be beyond the tolerance within its U, and no later day is
-    known on which it would be."""
+    """Return whether the last figure may be beyond the tolerance within its U, with no later date
+    at which it would be.
+    """
     likely = None if trend.leaving is None else trend.leaving.likely
     return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)
 
 
 def statements(trend: Trend) -> list[Message]:
-    """Return the trend of a quantity, a message for each change; the verdict alone where there is
-    none."""
+    """Return the trend of a quantity, a message for each change; only the verdict without a
+    change.
+    """
     if trend.explained.courses:
         return [_statement(trend, each) for each in trend.explained.courses]
     if trend.verdict == "unchanged":

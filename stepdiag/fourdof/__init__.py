@@ -1,4 +1,4 @@
-"""The 4-DOF head on its own: its runs, its record, its commissioning.
+"""The 4-DOF head alone: its runs, its record, its commissioning.
 
 In: logs or a port. Out: straightness and angles of an axis, calibration values. Imported by
 completion, head and cli.

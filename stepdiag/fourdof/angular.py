@@ -15,13 +15,14 @@ from stepdiag.daq.survey.models import Head
 
 Turns = dict[str, tuple[Vector, Vector, Vector, Vector]]
 """Position and value of every rotation, relative to the first position; the standard uncertainty of
-a pass, and what all passes share."""
+a pass, and the uncertainty common to all passes.
+"""
 
 
 def turns_of(section: Head, each: Pass) -> Turns:
     """Return the rotations of a pass that the survey file names for its axis (``head.angles.x``).
 
-    An instrument on the workpiece side turns the other way round. Raises DataError for stops with
+    For an instrument on the workpiece side the sign is reversed. Raises DataError for stops with
     another number of angles than are named.
     """
     axis = each.route.travel.axis

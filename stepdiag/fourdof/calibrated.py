@@ -1,4 +1,4 @@
-"""The head as the solver takes it, from its calibration file."""
+"""The head in the form of the solver, from its calibration file."""
 
 import math
 
@@ -10,8 +10,8 @@ from stepdiag.solver.fourdof.head import Crosstalk, Head, Light
 
 
 def calibrated(file: HeadFile) -> Head:
-    """Return the head of a calibration file; its required travel is then the distance. An absent
-    field is ideal.
+    """Return the head of a calibration file; its travel is then the distance. An absent field is
+    ideal.
     """
     lever = file.lever or LeverTable()
     return Head(

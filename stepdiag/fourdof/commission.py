@@ -1,5 +1,6 @@
-"""From the stands of a commissioning run to the calibration file of the head: the machine is the
-head's own stage."""
+"""From the standstills of a commissioning run to the calibration file of the head: the machine is
+the head's own stage.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -39,24 +40,31 @@ from stepdiag.solver.fourdof.regression import (
 )
 
 FARTHEST_MM = 0.35
-"""Stands farther beside the run's line are the lead-ins of the jogs, to which the axis came the
-other way."""
+"""Distance from the run's line beyond which a standstill is the approach of a jog, which the axis
+reached from the other side.
+"""
 LONG_S = 8.0
-"""A stand of so long is the wobble or what was waited for: its pointing moves, so that each tenth
-of a second is a row of its own."""
+"""A standstill of this length is the wobble or a wait: its pointing moves, so that each tenth of a
+second is a separate row.
+"""
 ROW_S = 0.1
 MOST_ROWS = 400
-"""Of one long stand: more add nothing to a gain known to a thousandth."""
+"""Largest number of rows from one long standstill: more add nothing to a gain known to a
+thousandth.
+"""
 DARK, LIT = 0.2, 0.8
-"""Parts of the usual sum: below the first there is no light, above the second all of it; between
-the beam was just being cut."""
+"""Shares of the usual sum: below the first there is no light, above the second the full light;
+between them the beam was just being cut.
+"""
 LEAST_DARK = 20
 LEAST_WITHIN = 0.003
-"""Sums of one light hold together so well at the least; three times what the run shows is more."""
+"""Smallest tolerance of the sums under one light; three times the variation in the run is used if
+larger.
+"""
 MOST_APART = 0.02
-"""Jogs that change the share of a sum by more cut the spot."""
+"""Jogs that change the share of a sum by more than this clip the spot."""
 STUCK = 0.25
-"""Share of readings at the highest value, at a single end too, beyond which a sum has reached the
+"""Share of readings at the highest value, even at one end only, beyond which a sum has reached the
 end of its electronics: light has noise.
 """
 NOMINAL = {
@@ -66,8 +74,9 @@ NOMINAL = {
 }
 """Curves before any calibration: a Gaussian spot on the QD, linear PSDs, all of gain 1000."""
 REACH = 1.5
-"""A curve of the QD holds so far beyond the readings of the run: what the spot's shape does there
-is extrapolated by its law."""
+"""Extension of a QD curve beyond the readings of the run: there the law of the spot's shape
+extrapolates it.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +91,9 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadCommissioned:
-    """The calibration file, its values, and the numbers of its stands and samples without light."""
+    """The calibration file, its values, and the numbers of its standstills and samples without
+    light.
+    """
 
     file: HeadFile
     found: Commissioned
@@ -93,11 +104,11 @@ class HeadCommissioned:
 def commission(
     standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis: str, on: str
 ) -> HeadCommissioned:
-    """Return the file with everything that the run along ``axis`` (x, y, z) measured; ``run`` is
-    how the head stood, ``on`` the day.
+    """Return the file with all measurements of the run along ``axis`` (x, y, z); ``run`` is the
+    mounting of the head, ``on`` the day.
 
-    Raises DataError where the run does not decide a field, a spot was clipped, or a curve of the
-    file is off by more than 5 per cent.
+    Raises DataError where the run does not determine a field, a spot was clipped, or a curve of the
+    file is wrong by more than 5 per cent.
     """
     if not standings:
         raise DataError(
@@ -131,7 +142,7 @@ def _is_dark(channels: Vector, usual: Vector) -> np.ndarray[tuple[int], np.dtype
 
 
 def _dark(channels: Vector, usual: Vector) -> Vector:
-    """Return what the nine channels read without light, shape (3, 3)."""
+    """Return the values of the nine channels without light, shape (3, 3)."""
     dark = channels[_is_dark(channels, usual)]
     if len(dark) < LEAST_DARK:
         expected, found = message("dark-samples", count=LEAST_DARK), str(len(dark))
@@ -151,12 +162,14 @@ def _long(one: Standing) -> bool:
 
 
 def _beside_mm(one: Standing, centre_mm: Vector, axis: str) -> float:
-    """Return how far a stand is beside the line of the run, in the farther direction."""
+    """Return the distance of a standstill from the line of the run, in the direction of the larger
+    one.
+    """
     return float(np.max(np.abs(np.delete(one.position_mm - centre_mm, AXES.index(axis)))))
 
 
 def _centre_mm(standings: Sequence[Standing]) -> Vector:
-    """Return where the machine stood the longest: the jogs are around it."""
+    """Return the place of the longest standstill: the jogs are around it."""
     places = np.concatenate(
         [np.repeat(one.position_mm[None, :], len(one.time_s), axis=0) for one in standings]
     )
@@ -166,8 +179,8 @@ def _centre_mm(standings: Sequence[Standing]) -> Vector:
 def _rows(
     lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str
 ) -> tuple[Stands, Vector]:
-    """Return the rows of lit stands, a row each, many for a long stand, which is an end of its own;
-    and the means of their channels (N, 9).
+    """Return the rows of standstills with light: one row each, but many for a long standstill,
+    which is an end of its own; and the means of their channels (N, 9).
 
     The values by the curves, and the noise, are still missing.
     """
@@ -208,8 +221,9 @@ def _readings(channels: Vector, dark: Vector) -> Vector:
 
 
 def _seen(channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: Vector) -> Vector:
-    """Return what the curves make of the channels (N, 9), without signs and rolls: QD in um, PSD1
-    and PSD2 in urad, shape (N, 6)."""
+    """Return the values of the channels (N, 9) by the curves, without signs and rolls: QD in um,
+    PSD1 and PSD2 in urad, shape (N, 6).
+    """
     bare = msgspec.structs.replace(
         file,
         **{name: DetectorTable(x=curves[f"{name}.x"], y=curves[f"{name}.y"]) for name in NOMINAL},
@@ -230,11 +244,11 @@ def _seen(channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: 
 
 
 def _noise(stands: Sequence[Vector]) -> Vector:
-    """Return the noise of a sample by the fourth differences of long stands, shape (6,): no hand
-    wobbles so fast.
+    """Return the noise of a sample by the fourth differences of long standstills, shape (6,): no
+    hand wobbles as fast.
 
-    The squares of the binomials 1 4 6 4 1 add up to 70. Raises DataError without a long stand:
-    nothing was wobbled.
+    The squares of the binomials 1 4 6 4 1 add up to 70. Raises DataError without a long standstill:
+    the laser was not wobbled.
     """
     fourth = [np.diff(one, n=4, axis=0) for one in stands]
     if not fourth:
@@ -272,7 +286,8 @@ def _means(one: Standing, *, long: bool) -> list[tuple[Vector, int]]:
 
 def _light(every: Vector, rows: Vector, usual: Vector, dark: Vector) -> LightTable:
     """Return the sums of the three detectors under one light. Raises DataError where a spot was
-    clipped, or a sum at its end."""
+    clipped, or a sum reached its end.
+    """
     for column, name in enumerate(NOMINAL):
         total = every[np.all(every[:, 2::3] > LIT * usual, axis=1), 3 * column + 2]
         highest = float(total.max())
@@ -359,8 +374,8 @@ def _scaled(
     index: int,
     most: float,
 ) -> AxisTable:
-    """Return the curve times its gain. Raises DataError for a calibrated curve that is off by more
-    than 5 per cent.
+    """Return the curve times its gain. Raises DataError for a calibrated curve that is wrong by
+    more than 5 per cent.
     """
     table, gain = curves[name], float(found.value[index])
     known = file.curve(name) is not None

@@ -128,8 +128,8 @@ def calibrate_axis(
     uncertainty in its own unit.
 
     The QD's spot moves twice as far as the stage, PSD2's beam turns twice as far as the mirror;
-    PSD1 sees the beam's own angle. For the QD the better of two curves is taken: over the reading,
-    or over its inverse error function, which is that of a Gaussian spot.
+    PSD1 measures the beam's own angle. For the QD the better of two curves is used: over the
+    reading, or over its inverse error function, as for a Gaussian spot.
     """
     if (detector == "qd") != (run.unit == "um"):
         expected = (
@@ -171,7 +171,7 @@ def _shift_um(reference: Vector, detector: DetectorName, file: HeadFile) -> Vect
 def with_curve(
     file: HeadFile, detector: DetectorName, axis: AxisName, found: Calibrated
 ) -> HeadFile:
-    """Return the calibration with the curve put in; the axis keeps its sign."""
+    """Return the calibration with the new curve; the axis keeps its sign."""
     curve = found.fit.curve
     table = file.curve(f"{detector}.{axis}") or AxisTable()
     fresh = AxisTable(
@@ -223,10 +223,10 @@ def parse_curves(text: str, source: str) -> Curves:
 
 
 def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]:
-    """Return measured minus reference of every function that both have; straightness free of its
+    """Return measured minus reference of every function that both contain; straightness without its
     least-squares line.
 
-    Raises DataError where they have none in common.
+    Raises DataError where they have no common function.
     """
     common = [name for name in measured if name in reference]
     if not common:
@@ -246,7 +246,7 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
 
 
 def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]:
-    """Return by axis (X, Y, Z) the arm between the two heads, as far as the measured rotations show
+    """Return by axis (X, Y, Z) the arm between the two heads, if the measured rotations determine
     it (Feng 2008, 3.3).
     """
     arms = {}

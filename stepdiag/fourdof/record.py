@@ -1,5 +1,6 @@
-"""Samples of a 4-DOF head on their own, for commissioning: from its port, from the stream in a log,
-or from a CSV."""
+"""Samples of a 4-DOF head alone, for commissioning: from its port, from the stream in a log, or
+from a CSV.
+"""
 
 import asyncio
 import math
@@ -29,10 +30,10 @@ COLUMNS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadRecord:
-    """Usable samples in the order of time: ``time_s`` (N,) from the first, ``channels`` (N, 9),
-    those of a QD alone (N, 3).
+    """Usable samples in the order of time: ``time_s`` (N,) counts from the first, ``channels`` is
+    (N, 9), or (N, 3) for a QD alone.
 
-    ``unusable`` counts what was left out: blocked, saturated, faulty.
+    ``unusable`` is the number of samples left out: blocked, saturated, faulty.
     """
 
     time_s: Vector
@@ -69,14 +70,14 @@ class _Gathering:
         self._batches: list[Samples] = []
 
     def feed(self, data: bytes, arrival_ns: int) -> Samples:
-        """Take a chunk; return its samples."""
+        """Process a chunk; return its samples."""
         batch = self._decoder.feed(data, arrival_ns)
         if len(batch):
             self._batches.append(batch)
         return batch
 
     def record(self, source: str) -> HeadRecord:
-        """Return what has come in. Raises DataError where it is nothing usable."""
+        """Return the samples collected. Raises DataError without a usable sample."""
         flags = np.concatenate(
             [np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)]
         )
@@ -103,10 +104,10 @@ class _Gathering:
 
 
 def read_head_csv(text: str, source: str) -> HeadRecord:
-    """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum`` and the same of psd1
-    and psd2, which a QD alone has not.
+    """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum``, and the same columns
+    of psd1 and psd2, which a QD alone lacks.
 
-    Raises DataError naming the line for anything else, and for times that do not ascend.
+    Raises DataError, with the line, for any other content, and for times that do not ascend.
     """
     table = read_table(text, source, ("time_s", *COLUMNS[:QD_ONLY]))
     names = COLUMNS if "psd1_x" in table[0][1] else COLUMNS[:QD_ONLY]
@@ -153,11 +154,11 @@ def head_of_log(path: Path) -> HeadRecord:
 def listen_to_head(
     survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None
 ) -> HeadRecord:
-    """Return the samples of a survey file's head over so many seconds; ``on_batch`` is given every
-    batch meanwhile.
+    """Return the samples of a survey file's head over a number of seconds; ``on_batch`` receives
+    every batch meanwhile.
 
-    Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where
-    the port cannot be opened or is lost.
+    Ctrl-C ends the recording sooner and keeps the samples. Raises UsageError without [head],
+    DeviceError where the port cannot be opened or is lost.
     """
     if survey.head is None:
         raise UsageError(source, expected=message("head-section"), found=message("none"))
@@ -200,7 +201,7 @@ async def _listen(
 
 
 def require_angles(record: HeadRecord, source: str) -> None:
-    """Raise DataError for a head that has a QD only, where pitch, yaw or drift are asked for."""
+    """Raise DataError for a head with a QD only, where pitch, yaw or drift are requested."""
     require_channels(record.channels, source)
 
 

@@ -37,17 +37,19 @@ from stepdiag.solver.standards.straightness import residuals_um
 CHANNELS = 9
 QD_ONLY = 3
 SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
-"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and straightness by half; free of
-its end-point line (a Brownian bridge) that is 1 / sqrt(6) in the rms over the pass."""
+"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and the straightness by half;
+after removal of its end-point line (a Brownian bridge) the rms over the pass is 1 / sqrt(6).
+"""
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
 """The channels of each detector."""
 APART = 3.29
-"""Two passes whose rms difference is so many times its u differ by more than chance (99.9 %), even
-where their errors are one error."""
+"""Multiple of u beyond which the rms difference of two passes is more than chance (99.9 %), even if
+their errors are fully correlated.
+"""
 WAVELENGTH_NM = 650.0
-"""Of the head's laser, red: it only sizes how far the growth of the spot may be bent."""
+"""Wavelength of the head's laser, red: it only limits the curvature of the spot's growth."""
 LEAST_STOPS = 3
-"""Two stops make a straight line of any guideway."""
+"""With two stops any guideway would be a straight line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,9 +80,9 @@ def evaluate_head(
 ) -> HeadMeasured:
     """Return the results of the whole passes of the 4-DOF head.
 
-    ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known
-    from elsewhere: a roll moves a cube that sits off the axis. Raises DataError for a calibration
-    of another head, and where the laser is to give the distance and gives none.
+    ``files`` hold the calibration by the name in the survey, ``level`` angular functions known from
+    other instruments: a roll moves a cube that is off the axis. Raises DataError for a calibration
+    of another head, and where the laser must give the distance and does not.
     """
     driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
     if not driven or survey.head is None:
@@ -109,8 +111,9 @@ def evaluate_head(
 def _whole(
     angles: dict[str, KnownAngle], survey: Survey
 ) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return the functions that reach over the whole volume: diagonals cannot be freed of an angle
-    known on a part of them."""
+    """Return the functions that cover the whole volume: diagonals cannot be corrected for an angle
+    known on a part of them.
+    """
     whole, findings = {}, []
     for name, known in angles.items():
         nodes = survey.volume.nodes_mm(AXES.index(name[2].lower()))
@@ -199,8 +202,9 @@ def _evaluate(
 def _named(
     each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise", shared: "_Noise"
 ) -> _PassSeen:
-    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` is a pass's
-    own, ``shared`` that of all passes."""
+    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` belongs to a
+    single pass, ``shared`` to all passes.
+    """
     mount = Mount(
         axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
         beam=run.beam,
@@ -234,8 +238,9 @@ def _named(
 
 
 def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]:
-    """Return the nine channels of every stop and their standard uncertainties; a QD alone gets
-    still, centred spots on the others."""
+    """Return the nine channels of every stop and their standard uncertainties; for a QD alone the
+    others have constant, centred spots.
+    """
     sizes = {len(stop.channels) for stop in stops}
     if not sizes <= {CHANNELS} and not sizes <= {QD_ONLY}:
         found = message("number-of-channels", names=list(map(str, sorted(sizes))))
@@ -278,9 +283,7 @@ def _distance_mm(
 
 
 def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vector:
-    """Return the target's roll from the detectors' x towards their y, as far as measured by a
-    level.
-    """
+    """Return the target's roll from the detectors' x towards their y, if a level measured it."""
     known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
     if known is None:
         return np.zeros(len(position))
@@ -308,8 +311,9 @@ def _noise(
     head: Head,
     shift_um: float,
 ) -> _Noise:
-    """Return drift, scatter of the stop's mean and the beam's parallel shift together: what another
-    pass draws anew."""
+    """Return the sum of drift, scatter of the stop's mean and parallel shift of the beam, which
+    differ from pass to pass.
+    """
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
     # the drift's own uncertainty holds the scatter of its detector
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
@@ -325,11 +329,11 @@ def _noise(
 def _calibration_noise(
     found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile
 ) -> _Noise:
-    """Return what is uncertain about the calibration, alike in all passes: straightness free of its
-    end-point line, angle from its first.
+    """Return the uncertainty of the calibration, common to all passes: straightness without its
+    end-point line, angle relative to its first.
 
-    A file without the covariance of a commissioning states the curves' and the lever's uncertainty
-    alone.
+    A file without the covariance of a commissioning states only the uncertainty of the curves and
+    the lever.
     """
     if not file.uncertainty.of:
         lever_mm = (file.lever or LeverTable()).u_at(distance)[:, None]
@@ -363,12 +367,12 @@ def _calibration_noise(
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return by what the QD's gain leaves its straight growth between the two ends (k = 1), in um
-    of straightness, shape (N, 2).
+    """Return the departure of the QD's gain from its linear growth between the two ends (k = 1), in
+    um of straightness, shape (N, 2).
 
-    A beam with its waist in the middle of its path grows with the square of the way from there: by
-    so much of itself it leaves the chord. Where the waist is, is not known: anything up to that is
-    as probable (GUM 4.3.7).
+    A beam with its waist in the middle of its path grows with the square of the distance from
+    there, which gives the largest departure from the chord. The place of the waist is unknown: any
+    value up to that is equally probable (GUM 4.3.7).
     """
     radius_mm = (
         1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1])
@@ -384,8 +388,9 @@ def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) 
 def _by_channel(
     channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]
 ) -> _Noise:
-    """Return the scatter of the motion that comes from the scatter of some channels: it goes
-    through the equations channel by channel."""
+    """Return the scatter of the motion caused by the scatter of some channels, propagated through
+    the equations channel by channel.
+    """
     still = motion(channels, distance, head)
     total = [np.zeros_like(still.straightness_um) for _ in range(3)]
     for channel in of:
@@ -406,8 +411,7 @@ def _by_channel(
 
 
 def _over_passes(seen: Sequence[Turns]) -> dict[str, KnownAngle]:
-    """Return the mean of every rotation over its passes at the positions that all of them have
-    (`_mean`)."""
+    """Return the mean of every rotation over its passes at their common positions (`_mean`)."""
     names = sorted({name for turns in seen for name in turns}, key=lambda name: (name[2], name[1]))
     return {name: _mean_angle([turns[name] for turns in seen if name in turns]) for name in names}
 
@@ -421,8 +425,8 @@ def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vect
     """Return the common positions of all passes, the mean there from the first on, and its
     uncertainty.
 
-    The part drawn anew in each pass falls with their number, but not below their differences, which
-    include reversal; the common part counts in full.
+    The part that differs from pass to pass decreases with their number, but not below their
+    differences, which include reversal; the common part counts in full.
     """
     common = passes[0][0]
     for position, *_ in passes[1:]:
@@ -440,8 +444,9 @@ def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vect
 
 
 def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return all functions known: the head's, and the file's for what the head does not see (the
-    rolls); a finding where both have one."""
+    """Return all known functions: the head's, and the file's for those that the head does not
+    measure (the rolls); a finding where both have one.
+    """
     both = [name for name in head if name in level]
     findings = []
     if both:
@@ -498,8 +503,9 @@ def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
 
 
 def _own_lines(seen: _PassSeen) -> list[tuple[MeasuredStraightness, Vector, Vector]]:
-    """Return the functions of a pass free of their end-point lines, and what a pass draws anew of
-    their uncertainty."""
+    """Return the functions of a pass without their end-point lines, and the part of their
+    uncertainty that differs from pass to pass.
+    """
     return [
         (one, *_own_line(one, shared))
         for one, shared in zip(seen.straightness, seen.shared_um, strict=True)
@@ -528,8 +534,8 @@ def _mean_straightness(
 
 
 def with_ends(position_mm: Vector, u_um: Vector) -> Vector:
-    """Return the uncertainty of values free of the line through the first and the last, shape (N,);
-    the two ends stay unchanged.
+    """Return the uncertainty of values after removal of the line through the first and the last,
+    shape (N,); the two ends stay unchanged.
     """
     share = (position_mm - position_mm[0]) / ((position_mm[-1] - position_mm[0]) or 1.0)
     between = np.sqrt(u_um**2 + ((1.0 - share) * u_um[0]) ** 2 + (share * u_um[-1]) ** 2)

@@ -1,4 +1,6 @@
-"""The stands of the machine in the logs of a commissioning run, and the head's samples there."""
+"""The standstills of the machine in the logs of a commissioning run, and the head's samples during
+them.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,14 +21,16 @@ from stepdiag.fourdof.commission import Standing
 from stepdiag.fourdof.record import require_channels
 
 SETTLE_S, SHORTEST_S = 0.3, 1.0
-"""Time left out after an arrival, and the shortest stand after it, in s: the program stands for two
-seconds.
+"""Time left out after an arrival, and the shortest standstill after it, in s: the program stands
+for two seconds.
 """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommissioningRun:
-    """The run of one axis (x, y, z): how the head stood, and the stands in the order of time."""
+    """The run of one axis (x, y, z): the mounting of the head, and the standstills in the order of
+    time.
+    """
 
     axis: str
     run: HeadRun
@@ -34,8 +38,9 @@ class CommissioningRun:
 
 
 def commissioning_run(replayed: Replayed) -> CommissioningRun:
-    """Return the stands between the stops of the head's run. Raises DataError without such a run,
-    or for runs of several axes."""
+    """Return the standstills between the stops of the head's run. Raises DataError without such a
+    run, or for runs of several axes.
+    """
     section = replayed.survey.head
     outcomes = [
         (log, one) for log in replayed.logs for one in log.outcomes if isinstance(one, CapturedStop)
@@ -69,8 +74,7 @@ def _standings(log: Log, survey: Survey) -> Iterator[Standing]:
 
 
 def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
-    """Yield the places, and from when to when the machine surely stood there, of all stands without
-    a word to the PLC."""
+    """Yield the places and the certain times of all standstills without a signal to the PLC."""
     try:
         signals = SignalDecoder(survey.plc.signals, survey.plc.parsed())
     except UsageError as error:

@@ -2,10 +2,10 @@
 and straightness.
 
 A column is named by ``FUNCTION=[-]COLUMN[UNIT]~U``: ``EBX=-Pitch[arcsec]~0.1``; U is k = 1 in the
-column's unit. Rows stand in the order of driving. A pass ends where the axis turns round, or goes
-back to its beginning at once; a turn at one single stop ends the way out and begins the way back. A
-function at a target is the mean of its passes (of one approach, for straightness), its u the larger
-of the stated one and what the passes scatter by.
+column's unit. Rows are in the order of driving. A pass ends where the axis reverses, or returns to
+its beginning in one step; if it reverses at a single stop, that stop ends the way out and begins
+the way back. A function at a target is the mean of its passes (of one approach, for straightness),
+its u the larger of the stated one and the scatter of the passes.
 """
 
 import math
@@ -37,7 +37,7 @@ UM, URAD = (
 UNITS = {**UM, **URAD}
 POSITION = "position"
 BACK_AT_ONCE = 0.9
-"""Of the travel, in one step: the axis goes back to begin again."""
+"""Share of the travel in one step from which the axis returns to begin again."""
 _NAMED = re.compile(
     r"(?P<name>\w+)=(?P<sign>-?)(?P<column>.+)\[(?P<unit>\w+)\](?:~(?P<u>[0-9.]+))?"
 )
@@ -56,7 +56,8 @@ class Column:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Table:
     """One run: rows in the order of driving. ``number`` (rows,) is the pass, odd in +; ``turned``
-    where a row ends the pass before, too."""
+    marks a row that also ends the previous pass.
+    """
 
     setup: str
     position_mm: Vector
@@ -99,8 +100,9 @@ def _units_of(name: str) -> tuple[str, ...]:
 
 
 def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str) -> Table:
-    """Return the run of a table; columns of other axes are left out. Raises ``DataError`` as
-    `read_table`, and for a table of no travel."""
+    """Return the run of a table; columns of other axes are left out. Raises the ``DataError`` of
+    `read_table`, and ``DataError`` for a table without travel.
+    """
     header = text.partition("\n")[0]
     for separator in (";", "\t"):
         if separator in header:
@@ -127,8 +129,8 @@ def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str)
 
 
 def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
-    """Return the rows of all passes (a turn at a single stop is in two), the pass of each row, and
-    the rows that end the pass before.
+    """Return the rows of all passes (a single stop of reversal belongs to two), the pass of each
+    row, and the rows that end the previous pass.
     """
     step, travel = np.diff(position_mm), float(np.ptp(position_mm)) if len(position_mm) else 0.0
     if travel == 0.0:
@@ -211,8 +213,9 @@ def angles_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> Angles:
 def straightness_of(
     tables: Sequence[Table], columns: Mapping[str, Column]
 ) -> tuple[MeasuredStraightness, ...]:
-    """Return the straightness of the tables by approach. Raises ``UsageError`` where its
-    uncertainty is not stated."""
+    """Return the straightness of the tables by approach. Raises ``UsageError`` without a stated
+    uncertainty.
+    """
     found: list[MeasuredStraightness] = []
     for table in tables:
         for name in (
@@ -235,8 +238,8 @@ def straightness_of(
 
 
 def _means(table: Table, name: str, rows: Flags, u: float) -> tuple[Vector, Vector, Vector]:
-    """Return targets, the mean of the passes at each and its standard uncertainty; each pass counts
-    from its own mean.
+    """Return targets, the mean of the passes at each and its standard uncertainty; each pass is
+    relative to its own mean.
     """
     number, values = table.number[rows], table.values[name][rows]
     at, place = np.unique(table.position_mm[rows], return_inverse=True)

@@ -22,8 +22,7 @@ STAGE_S = 1.0
 
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":
-    """Return the head's measurements in these logs. Raises DataError where no pass of it is
-    whole."""
+    """Return the head's measurements in these logs. Raises DataError where no pass is complete."""
     from stepdiag.completion import completion
     from stepdiag.daq.replay import find_logs, replay
 
@@ -41,8 +40,8 @@ def head_of_logs(logs: list[Path]) -> "HeadMeasured":
 def head_record(
     source: Path, default_s: float, ask: str = "", *, stated_s: float | None = None
 ) -> "HeadRecord":
-    """Return the samples of a source by its suffix; a live one begins at Enter where ``ask`` names
-    something to do first.
+    """Return the samples of a source by its suffix; if ``ask`` names a preparation, a live source
+    begins after Enter.
 
     A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a
     recording with a stated time.
@@ -73,7 +72,9 @@ def head_record(
 
 
 def read_calibration(path: Path) -> "HeadFile":
-    """Return a calibration file. Raises UsageError where it cannot be read or a field is wrong."""
+    """Return a calibration file. Raises UsageError where the file cannot be read or a field is
+    wrong.
+    """
     from stepdiag.base.files import LARGEST_SETTINGS_BYTES, read_bytes
     from stepdiag.daq.survey.head_file import parse_head_file
 
@@ -83,7 +84,7 @@ def read_calibration(path: Path) -> "HeadFile":
 
 
 def write_calibration(path: Path, file: "HeadFile") -> None:
-    """Write a calibration file; never over another."""
+    """Write a calibration file, never over another file."""
     from stepdiag.base.files import write_new
     from stepdiag.daq.survey.head_file import render_head_file
 
@@ -91,8 +92,9 @@ def write_calibration(path: Path, file: "HeadFile") -> None:
 
 
 def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
-    """Return readings of one detector axis against the stage's: of a two-column CSV, or live, the
-    person moving the stage."""
+    """Return readings of one detector axis against the stage's: from a two-column CSV, or live
+    while the person moves the stage.
+    """
     from stepdiag.base.files import read_text
     from stepdiag.fourdof.commissioning import parse_stage_run
 
@@ -131,8 +133,9 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
 
 
 def curves_of_logs(paths: list[Path]) -> "Curves":
-    """Return the head's functions in these logs as they are compared: straightness in um, angles in
-    arc-seconds."""
+    """Return the head's functions in these logs in the form for comparison: straightness in um,
+    angles in arc-seconds.
+    """
     from stepdiag.fourdof.runs import mean_straightness
     from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 

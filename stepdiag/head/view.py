@@ -44,7 +44,7 @@ class AlignView:
 
     @contextmanager
     def live(self) -> Iterator[None]:
-        """Show what `take` is given, until the block ends."""
+        """Show the values given to `take`, until the block ends."""
         with Live(
             empty_table(message("waiting-for-head")),
             console=self._console,
@@ -66,8 +66,9 @@ class AlignView:
         self._console.print(self.table(last.mean(axis=0), 0))
 
     def table(self, channels: Vector, flags: int) -> Table:
-        """Return one row a detector: place of the spot from -1 to 1 by number and bar, sum, sum
-        against the highest seen."""
+        """Return one row a detector: place of the spot from -1 to 1 as number and bar, sum, and sum
+        relative to the highest until now.
+        """
         flagged = ", ".join(
             name.lower().replace("_", " ")
             for flag, name in ((flag, str(flag.name)) for flag in Flag)
@@ -100,7 +101,7 @@ def _bar(value: float) -> str:
 
 
 def commission_table(done: HeadCommissioned) -> None:
-    """Print a row per field found by the commissioning: its value and its U (k = 2)."""
+    """Print a row per field determined by the commissioning: its value and its U (k = 2)."""
     table = empty_table(message("table-commissioned"))
     for name, value, u in zip(
         done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True
@@ -116,7 +117,8 @@ def commission_table(done: HeadCommissioned) -> None:
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
     """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the
-    published head's."""
+    published head's.
+    """
     table = empty_table(message("table-calibration"))
     for name, each in fits.items():
         low, high = each.limits
@@ -218,8 +220,8 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
 
 
 def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
-    """Yield for every axis the place of a head relative to the other (U, k = 2), and its rms effect
-    on the functions.
+    """Yield for every axis the place of one head relative to the other (U, k = 2), and its rms
+    effect on the functions.
     """
     for axis, arm in arms.items():
         offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)

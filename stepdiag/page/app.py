@@ -1,8 +1,8 @@
 """The page as an application: the live stream, the texts, the downloads, and the commands of
 permitted users.
 
-It runs in a process of its own (`stepdiag.page.process`); its only view of the daemon is
-`RemoteDaemon`.
+It runs in a separate process (`stepdiag.page.process`); `RemoteDaemon` is its only access to the
+daemon.
 """
 
 import asyncio
@@ -37,12 +37,15 @@ from stepdiag.texts.texts import LANGUAGES, catalogue
 
 STATIC = Path(str(files("stepdiag.page") / "static"))
 LONGEST_COMMAND = 3000
-"""Bytes of a command's body that are read at most; the pipe to the daemon takes so much at once."""
+"""Largest number of bytes read from the body of a command; the pipe to the daemon accepts as many
+at once.
+"""
 BODY_S = 5.0
 """Longest time for the body of a request in s."""
 MOST_READERS = 200
-"""Streams served at once, no more than half of them for one address; counted before they are
-accepted."""
+"""Largest number of streams at once, no more than half of them for one address; counted before they
+are accepted.
+"""
 
 
 class Ordered(msgspec.Struct, frozen=True):
@@ -53,7 +56,7 @@ class Ordered(msgspec.Struct, frozen=True):
 
 
 class Daemon(Protocol):
-    """The daemon as the page uses it (`stepdiag.page.remote.RemoteDaemon`)."""
+    """The interface of the daemon for the page (`stepdiag.page.remote.RemoteDaemon`)."""
 
     def watch(self, *, on: bool) -> None:
         """Have pictures shown from now on, or no more."""
@@ -62,12 +65,12 @@ class Daemon(Protocol):
         """Return the present state. Raises DeviceError for a silent daemon."""
 
     async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
-        """Have an order done; return the reason of a refusal, empty after success. Raises
+        """Request a command; return the reason of a refusal, empty after success. Raises
         DeviceError for a silent daemon.
         """
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Report that an address has sent so many wrong tokens."""
+        """Report a number of wrong tokens from an address."""
 
     def say_fault(self, why: object) -> None:
         """Report a fault of this program."""
@@ -83,15 +86,15 @@ class Page:
         self.access = Access(settings.token, daemon.say_guesses)
         self.broadcaster = Broadcaster(lambda on: daemon.watch(on=on))
         self.still_open: Sequence[str] = ()
-        """Parts left open by the kernel for this process (`stepdiag.walls.confine`)."""
+        """Rights that the kernel could not remove from this process (`stepdiag.walls.confine`)."""
 
     async def index(self, _request: Request) -> Response:
-        """Answer the page itself."""
+        """Respond with the page itself."""
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Answer what the page needs before the stream: language, version, whether there is a
-        token, without which no order is taken.
+        """Respond with the data that the page needs before the stream: language, version, whether
+        there is a token, without which no command is accepted.
 
         And what is open to this process that its walls could not shut.
         """
@@ -106,7 +109,7 @@ class Page:
         )
 
     async def texts(self, request: Request) -> Response:
-        """Answer the words of one language."""
+        """Respond with the words of one language."""
         language = next(
             (known for known in LANGUAGES if known == request.path_params["language"]), None
         )
@@ -116,14 +119,14 @@ class Page:
         return JSONResponse(words)
 
     async def stream(self, request: Request) -> Response:
-        """Answer the live stream."""
+        """Respond with the live stream."""
         address = address_of(request)
         if self._readers.total() >= MOST_READERS or self._readers[address] >= MOST_READERS // 2:
             return refused(503, message("page-readers", count=self._readers.total()))
         return _CountedStream(self.broadcaster, self._readers, address)
 
     async def result(self, request: Request) -> Response:
-        """Answer the last result."""
+        """Respond with the last result."""
         if not await self.access.reads(request):
             return _locked()
         path = (await self._daemon.picture()).result
@@ -134,8 +137,9 @@ class Page:
         )
 
     async def conclusion(self, _request: Request) -> Response:
-        """Answer the conclusion of the survey shown: words are for everybody who may open the page,
-        files are not."""
+        """Respond with the conclusion of the survey shown. Everybody who may open the page may read
+        it; files need the token.
+        """
         found = next((one for one in await self._listed() if one.name == CONCLUSION), None)
         if found is None:
             return refused(404, message("page-no-conclusion"))
@@ -144,7 +148,7 @@ class Page:
         )
 
     async def downloads(self, request: Request) -> Response:
-        """Answer the list of files that may be fetched."""
+        """Respond with the list of files for download."""
         if not await self.access.reads(request):
             return _locked()
         fields = ("name", "kind", "size_bytes", "sha256", "group")
@@ -153,7 +157,7 @@ class Page:
         )
 
     async def download(self, request: Request) -> Response:
-        """Answer a listed file; a name off the list does not exist."""
+        """Respond with a listed file; a name that is not in the list does not exist."""
         if not await self.access.reads(request):
             return _locked()
         wanted = request.path_params["name"]
@@ -165,8 +169,9 @@ class Page:
         return _file(found)
 
     async def open(self, request: Request) -> Response:
-        """Answer whether the token that came along may command; files are open to this browser from
-        then on."""
+        """Respond whether the token of the request permits commands; from then on this browser may
+        download files.
+        """
         if not await self.access.commands(request):
             return refused(403, message("page-wrong-token"))
         answer = Response(status_code=204)
@@ -174,8 +179,9 @@ class Page:
         return answer
 
     async def command(self, request: Request) -> Response:
-        """Do what was ordered: 204 done, 400 not understood, 403 not allowed, 409 refused with the
-        reason."""
+        """Execute a command: 204 done, 400 not understood, 403 not allowed, 409 refused with the
+        reason.
+        """
         if not await self.access.commands(request):
             return refused(
                 403,
@@ -196,7 +202,7 @@ class Page:
 
 
 class _CountedStream(Response):
-    """The live stream of one reader, who counts from now until the answer is over."""
+    """The live stream of one reader, who is counted from now until the end of the answer."""
 
     def __init__(self, broadcaster: Broadcaster, readers: Counter[str], address: str) -> None:
         self._readers = readers
@@ -205,7 +211,7 @@ class _CountedStream(Response):
         readers[address] += 1
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send what comes."""
+        """Send the events as they arrive."""
         try:
             await self._stream(scope, receive, send)
         finally:
@@ -214,7 +220,7 @@ class _CountedStream(Response):
 
 
 async def _limited_body(request: Request) -> bytes | None:
-    """Return the body, or None where it is longer than a command can be, or takes too long."""
+    """Return the body, or None where it is longer than any command, or takes too long."""
     body = b""
     try:
         async with asyncio.timeout(BODY_S):

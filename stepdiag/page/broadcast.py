@@ -1,5 +1,5 @@
-"""A single encoding of each snapshot for all viewers; a slow reader gets the latest, never a
-backlog.
+"""A single encoding of each snapshot for all viewers; a slow reader gets the latest snapshot
+only.
 """
 
 import asyncio
@@ -12,7 +12,7 @@ from stepdiag.daq.records.status import Snapshot
 from stepdiag.page.view import SLOW_FIELDS, now_view, survey_view
 
 RETRY_MS = 500
-"""Wait of a browser after a broken line before its next try, in ms."""
+"""Wait of a browser after an interrupted connection before its next try, in ms."""
 
 
 def encode_event(name: str, content: dict[str, Any]) -> bytes:
@@ -21,7 +21,7 @@ def encode_event(name: str, content: dict[str, Any]) -> bytes:
 
 
 class Mailbox:
-    """Events that a reader has not fetched yet: at most one of each kind, the newest."""
+    """Events that a reader has not received yet: at most one of each kind, the newest."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, bytes] = {}
@@ -34,12 +34,12 @@ class Mailbox:
         self._filled.set()
 
     def close(self) -> None:
-        """End the stream after what is waiting."""
+        """End the stream after the waiting events."""
         self._closed = True
         self._filled.set()
 
     async def events(self) -> AsyncIterator[bytes]:
-        """Yield what came since the last time, joined, until `close`."""
+        """Yield the events since the last time, joined, until `close`."""
         while True:
             await self._filled.wait()
             self._filled.clear()
@@ -52,8 +52,8 @@ class Mailbox:
 
 
 class Broadcaster:
-    """Fills every reader's mailbox with the pictures that are shown; ``on_readers`` is called when
-    the first reader comes and the last has gone.
+    """Fills every reader's mailbox with the snapshots; ``on_readers`` is called when the first
+    reader comes and the last has gone.
     """
 
     def __init__(self, on_readers: Callable[[bool], None]) -> None:
@@ -64,8 +64,9 @@ class Broadcaster:
         self._slow_event = b""
 
     async def stream(self) -> AsyncIterator[bytes]:
-        """Yield the server-sent events of one reader, from the next picture on, until the page
-        closes or the reader goes."""
+        """Yield the server-sent events of one reader, from the next snapshot on, until the page
+        closes or the reader leaves.
+        """
         mailbox = Mailbox()
         self._mailboxes.add(mailbox)
         self._newcomers.add(mailbox)
@@ -81,7 +82,7 @@ class Broadcaster:
                 self._on_readers(False)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Give a picture to all readers: its slow parts only after a change, or to new readers."""
+        """Send a snapshot to all readers: its slow parts only after a change, or to new readers."""
         changed = self._refresh(snapshot)
         now = encode_event("now", now_view(snapshot))
         for mailbox in self._newcomers:
@@ -98,7 +99,7 @@ class Broadcaster:
             mailbox.close()
 
     def _refresh(self, snapshot: Snapshot) -> bool:
-        """Encode the slow fields again where they changed; return whether they did."""
+        """Encode the slow fields again if they changed; return whether they did."""
         slow = tuple(getattr(snapshot, name) for name in SLOW_FIELDS)
         if slow == self._slow and self._slow_event:
             return False

@@ -1,7 +1,7 @@
 """Admission of connections: a limited number, no more than half of them for a single address, and
 each must send its request soon.
 
-The limits hold where a connection is accepted, before it costs any memory or a word in a log.
+The limits apply where a connection is accepted, before it uses any memory or a line in a log.
 """
 
 import asyncio
@@ -16,13 +16,13 @@ MOST_CONNECTIONS = 300
 MOST_OF_ONE_ADDRESS = MOST_CONNECTIONS // 2
 """No single address can keep all others out."""
 HEAD_S = 10.0
-"""Longest time for the head of a request in s, from its first possible byte."""
+"""Longest time for the header of a request in s, from its first possible byte."""
 LONGEST_HEAD = 16_384
 """Bytes of a head."""
 
 
 class CappedListener(socket.socket):
-    """A listening socket that closes at once what is too much."""
+    """A listening socket that closes surplus connections at once."""
 
     def __init__(self, descriptor: int) -> None:
         super().__init__(fileno=descriptor)
@@ -31,8 +31,9 @@ class CappedListener(socket.socket):
         """Number of refused connections."""
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
-        """Return the next connection. Raises ConnectionAbortedError for one too much, which asyncio
-        takes for a guest who has left."""
+        """Return the next connection. Raises ConnectionAbortedError for a surplus connection, which
+        asyncio treats as a client that has left.
+        """
         guest, address = super().accept()
         self._open = {each: host for each, host in self._open.items() if each.fileno() >= 0}
         host = str(address[0])
@@ -48,13 +49,14 @@ class CappedListener(socket.socket):
 
 
 class PunctualLoop(asyncio.SelectorEventLoop):
-    """An event loop whose clients must finish the handshake of encryption as soon as they must send
-    a request.
+    """An event loop whose clients have the same time to finish the handshake of encryption as to
+    send a request.
     """
 
     async def create_server(self, *args: Any, **options: Any) -> asyncio.Server:
-        """Listen; where it is TLS, with the patience of `PunctualProtocol` instead of the library's
-        minute."""
+        """Listen; with TLS the time limit is that of `PunctualProtocol` instead of the library's
+        minute.
+        """
         if options.get("ssl") is not None:
             options |= {"ssl_handshake_timeout": HEAD_S, "ssl_shutdown_timeout": HEAD_S}
         return await super().create_server(*args, **options)
@@ -62,7 +64,8 @@ class PunctualLoop(asyncio.SelectorEventLoop):
 
 class PunctualProtocol(H11Protocol):
     """HTTP whose requests must arrive within `HEAD_S`: from the beginning of the connection, or
-    from the end of the answer before."""
+    from the end of the previous answer.
+    """
 
     _patience: asyncio.TimerHandle | None = None
 
@@ -77,7 +80,7 @@ class PunctualProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
-        """Go on with what came; a whole head ends the waiting."""
+        """Process the received bytes; a complete header ends the waiting."""
         super().handle_events()
         if self.cycle is not None and not self.cycle.response_complete:
             self._stop_waiting()

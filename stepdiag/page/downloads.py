@@ -1,4 +1,4 @@
-"""The finished files of a survey that a person may fetch from the page."""
+"""The finished files of a survey for download from the page."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,10 +16,10 @@ from stepdiag.exporters.files.sets import whole
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:
-    """Return result, report, readings, controller files and logs of a survey's folder; empty before
-    there are any.
+    """Return result, report, readings, controller files and logs of a survey's folder; empty while
+    there are none.
 
-    A link that leads out of the folder is none of its files.
+    A link that leads out of the folder does not belong to its files.
     """
     if not folder.is_dir():
         return ()
@@ -48,7 +48,7 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
 
 
 def _stands_in(folder: Path, path: Path) -> bool:
-    """Return whether a file belongs to the folder, and is no link that leads out of it."""
+    """Return whether a file belongs to the folder and is not a link that leads out of it."""
     return path.resolve().is_relative_to(folder.resolve())
 
 
@@ -76,8 +76,8 @@ def _bundles(exports: Path) -> Iterator[Download]:
 
 
 def _exported(folder: Path) -> list[Path]:
-    """Return the files of every whole set; of another folder only the reason of its refusal: for
-    some controls a .txt is a file to load.
+    """Return the files of every complete set; of another folder only the reason of its refusal,
+    because for some controls a .txt is a file to load.
     """
     if not folder.is_dir():
         return []

@@ -1,12 +1,12 @@
-"""The daemon's side of the page: sends pictures, receives orders.
+"""The daemon's side of the page: it sends snapshots and receives commands.
 
-As a service the page is a unit with an account of its own, which systemd starts for its first
-visitor and which comes over a socket of the file system; the kernel names the calling account
-(SO_PEERCRED, unix(7)), and no other is served. Elsewhere the daemon opens the page's address and
-keeps its process, over a pair of sockets.
+As a service the page is a unit with its own account, which systemd starts for its first visitor and
+which connects by a socket of the file system. The kernel names the calling account (SO_PEERCRED,
+unix(7)), and no other account is served. Otherwise the daemon opens the page's address and keeps
+the page's process, connected by a pair of sockets.
 
-Messages of this process are as little trusted as a browser's: they are short, few at a time, and
-checked; unfetched messages are left out. Nothing here ends the daemon.
+Messages of this process are trusted as little as a browser's: they are short, few at a time, and
+checked; messages that are not received in time are left out. No failure here ends the daemon.
 """
 
 import asyncio
@@ -49,13 +49,13 @@ from stepdiag.page.messages import (
 SHORTEST_S = 0.1
 """No more than ten pictures a second."""
 HEARTBEAT_S = 0.25
-"""At least four pictures a second, so that a reader with a silence of 0.8 s recognises a fault."""
+"""At least four snapshots a second, so that a reader without one for 0.8 s recognises a fault."""
 REQUEST_S = 0.01
 """No more than a hundred requests a second are looked at."""
 MOST_UNREAD = 1_000_000
-"""Most bytes that the page has not fetched: beyond this number it is restarted."""
+"""Largest number of bytes that the page has not received yet: above it the page is restarted."""
 AGAIN_S = (0.2, 1.0, 5.0, 30.0)
-"""Waits in s before the second start of the page, the third, and so on; from the beginning again
+"""Waits in s before the second start of the page, the third, and so on; the series begins again
 after a life of `LIVED_S`.
 """
 LIVED_S = 60.0
@@ -63,14 +63,14 @@ GRACE_S = 1.0
 """Time in s for the page to end its streams and downloads at the end of the daemon."""
 BACKLOG = 128
 LAST_WORDS = 2000
-"""Characters of a failure in the log: the rest of a traceback adds nothing."""
+"""Largest number of characters of a failure in the log: the rest of a traceback adds nothing."""
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 _log = structlog.get_logger("page")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listeners:
-    """The addresses that are served; None where one is not."""
+    """The addresses of the services; None for a service that is off."""
 
     page: socket.socket | None = None
     metrics: socket.socket | None = None
@@ -78,7 +78,7 @@ class Listeners:
     @classmethod
     def opened(cls, page: Page, metrics: Metrics) -> "Listeners":
         """Return the addresses to serve by a survey file. Raises DeviceError where one of them
-        cannot be had.
+        cannot be opened.
         """
         shown = open_listener(page.host, page.port, "page") if page.enabled else None
         try:
@@ -95,7 +95,7 @@ class Listeners:
 
     @property
     def descriptors(self) -> tuple[str, str]:
-        """Return the numbers of both as the page's process takes them, ``-`` for none."""
+        """Return the numbers of both for the page's process, ``-`` for none."""
         return _number(self.page), _number(self.metrics)
 
     @property
@@ -111,10 +111,10 @@ class Listeners:
 
 
 def open_listener(host: str, port: int, section: str) -> socket.socket:
-    """Return a listening socket; DeviceError where the address is taken or not this machine's. Port
-    0 takes any free one.
+    """Return a listening socket; DeviceError where the address is in use or not this machine's.
+    Port 0 uses any free one.
 
-    ``section`` is the part of the survey file that the address stands in.
+    ``section`` is the section of the address in the survey file.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
@@ -137,8 +137,8 @@ def open_listener(host: str, port: int, section: str) -> socket.socket:
 async def page_served(
     path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]
 ) -> AsyncIterator[None]:
-    """Serve the page of another account over a socket of the file system while the block runs; a
-    new page takes over.
+    """Serve the page of another account by a socket of the file system while the block runs; a new
+    page replaces the former.
     """
     visits: set[asyncio.Task[None]] = set()
 
@@ -223,8 +223,8 @@ class PageKeeper:
             await asyncio.sleep(wait_s)
 
     async def _one_life(self) -> str:
-        """Run the process to its end; return its last words. Any failure here ends the process, and
-        nothing else.
+        """Run the process to its end; return its last messages. Any failure here ends the process
+        and has no other effect.
         """
         ours, theirs = socket.socketpair()
         with ours, theirs:
@@ -270,8 +270,8 @@ class PageKeeper:
 
 
 class _Line:
-    """The line to the page. Unfetched data are not sent: a picture is left out, and too much of
-    anything else ends the visit.
+    """The line to the page. Data that are not received are not sent: a snapshot is left out, and
+    too many bytes of other data end the connection.
     """
 
     def __init__(self, transport: asyncio.WriteTransport) -> None:
@@ -279,7 +279,7 @@ class _Line:
 
     @property
     def clear(self) -> bool:
-        """Whether everything sent so far is on its way."""
+        """Whether everything has been passed to the operating system."""
         return self._transport.get_write_buffer_size() == 0
 
     def send(self, sent: object) -> None:
@@ -289,13 +289,13 @@ class _Line:
         self._transport.write(framed(sent))
 
     def close(self) -> None:
-        """Close the connection without waiting; a broken connection has closed itself."""
+        """Close the connection without waiting; a broken connection is closed already."""
         if not self._transport.is_closing():
             self._transport.abort()
 
 
 class _Visit:
-    """A life of the page's process: its requests, and its pictures while it has viewers."""
+    """One run of the page's process: its requests, and its snapshots while it has viewers."""
 
     def __init__(
         self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None
@@ -307,7 +307,9 @@ class _Visit:
         self._faults = 0
 
     async def hear(self, reader: asyncio.StreamReader) -> None:
-        """Obey the requests in turn. Raises the reason why the page cannot be served on."""
+        """Execute the requests one after another. Raises the reason why the page cannot be served
+        on.
+        """
         with suppress(asyncio.IncompleteReadError):
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
@@ -340,13 +342,13 @@ class _Visit:
                 _log.info("page-confined", open=", ".join(request.open)[:LAST_WORDS] or "nothing")
 
     def _say_fault(self, text: str) -> None:
-        """Log the fault, but not for every request of a client that has found a way to cause it."""
+        """Log the fault, but not for every request of a client that can cause it."""
         self._faults += 1
         if str(self._faults).strip("0") == "1":
             _log.error("page-fault", words=text[:LAST_WORDS], count=self._faults)
 
     async def _obey(self, order: Order) -> Words:
-        """Return why an order was refused; empty where it is done."""
+        """Return why a command was refused; empty after its execution."""
         with structlog.contextvars.bound_contextvars(address=order.address[:100]):
             try:
                 await self._source.command(order.name, order.arguments)
@@ -362,7 +364,7 @@ class _Visit:
             self._send_picture()
 
     async def _send_pictures(self) -> None:
-        """Send a picture whenever something has changed, within the pace that eyes can follow."""
+        """Send a snapshot after each change, at a pace that eyes can follow."""
         while True:
             sequence = self._send_picture()
             await asyncio.sleep(SHORTEST_S)
@@ -386,7 +388,7 @@ class _Visit:
 
 
 async def _ended(child: asyncio.subprocess.Process) -> None:
-    """End the process: it ends by itself once its pipe is closed, and is killed otherwise."""
+    """End the process: it ends by itself after its pipe is closed, and is killed otherwise."""
     try:
         async with asyncio.timeout(GRACE_S):
             await child.wait()
@@ -397,7 +399,7 @@ async def _ended(child: asyncio.subprocess.Process) -> None:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> str:
-    """Return the end of the process's standard error, read at leisure until it ends."""
+    """Return the end of the process's standard error, read until it ends."""
     assert child.stderr is not None
     kept = b""
     while part := await child.stderr.read(LAST_WORDS):

@@ -1,8 +1,8 @@
-"""Messages between the recording process and the page's process: a pipe each way, each message with
-its length before it.
+"""Messages between the recording process and the page's process: a pipe in each direction, each
+message preceded by its length.
 
-The page shows the data received and asks for very little: a picture, the figures, or an order from
-the list. No other event of the page's process can reach the recording.
+The page shows the received data and requests very little: a snapshot, the figures, or a command
+from the list. No other event of the page's process can reach the recording.
 """
 
 from pathlib import Path
@@ -37,8 +37,9 @@ class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The present state; ``folder`` holds the files that may be fetched, ``result`` is the result's
-    file or empty."""
+    """The present state; ``folder`` holds the files for download, ``result`` is the result's file
+    or empty.
+    """
 
     snapshot: Snapshot
     folder: str
@@ -60,7 +61,7 @@ class Counted(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Watch(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Send a picture now, and go on with it while ``on``."""
+    """Send a snapshot now, and continue while ``on``."""
 
     on: bool
 
@@ -81,21 +82,22 @@ class Count(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Guesses(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """A client at an address has sent so many wrong tokens."""
+    """A client at an address has sent a number of wrong tokens."""
 
     address: str
     count: int
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Something went wrong in the page that is a fault of this program."""
+    """A fault of this program occurred in the page."""
 
     text: str
 
 
 class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The page is served; ``open`` names what the kernel could not shut
-    (`stepdiag.walls.confine`)."""
+    """The page is ready; ``open`` names the rights that the kernel could not remove
+    (`stepdiag.walls.confine`).
+    """
 
     open: tuple[str, ...]
 
@@ -111,6 +113,6 @@ settings_decoder = msgspec.msgpack.Decoder(PageSettings)
 
 
 def framed(message: Any) -> bytes:
-    """Return a message as it goes over the pipe."""
+    """Return a message in the form for the pipe."""
     body = _encoder.encode(message)
     return len(body).to_bytes(LENGTH_BYTES, "big") + body

@@ -1,5 +1,4 @@
-"""The daemon's figures for Prometheus: made when they are asked for, so that they cost nothing
-otherwise."""
+"""The daemon's figures for Prometheus: made on request, so that they cost nothing otherwise."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 
@@ -20,7 +19,7 @@ LINK_STATES = ("connecting", "connected", "silent", "lost")
 
 
 def create_metrics(figures: Callable[[], Awaitable[Figures]]) -> Starlette:
-    """Return the application that answers ``GET /metrics``, and nothing else."""
+    """Return the application that answers only ``GET /metrics``."""
 
     async def metrics(_: Request) -> Response:
         try:
@@ -38,7 +37,7 @@ class _Daemon(Collector):
         self._figures = figures
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every family, as it was then."""
+        """Yield every family with its values at that time."""
         now = self._figures
         yield from _counted(now)
         yield from _links(now)

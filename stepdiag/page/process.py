@@ -5,8 +5,8 @@
     stepdiag page FILE                               started by systemd, which hands over the
     sockets (sd_listen_fds(3))
 
-A single socket brings the daemon's data and takes its orders (`stepdiag.page.messages`): standard
-input and output, or a socket of the file system, if the unit has an account of its own.
+A single socket carries the daemon's data and the page's commands (`stepdiag.page.messages`):
+standard input and output, or a socket of the file system, if the unit has its own account.
 """
 
 import asyncio
@@ -36,17 +36,17 @@ from stepdiag.page.remote import RemoteDaemon
 from stepdiag.walls.confine import confine, die_with_parent, readable_by_program
 
 THREADS = 4
-"""That read files at once."""
+"""Largest number of threads that read files at once."""
 SOCKET = "STEPDIAG_PAGE_SOCKET"
-"""The environment of both units names the socket of the file system over which they talk."""
+"""The environment of both units names the socket of the file system that connects them."""
 FIRST_HANDED = 3
 PATIENCE_S, AGAIN_S = 10.0, 0.2
 GRACE_S = 1
-"""Time in s for which open downloads may go on after the end of the daemon."""
+"""Time in s for which open downloads may continue after the end of the daemon."""
 
 
 class _Server(uvicorn.Server):
-    """uvicorn without its signal handlers: who started this process ends it."""
+    """uvicorn without its signal handlers: the process that started this one ends it."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
@@ -65,10 +65,10 @@ def main(page: str, metrics: str) -> None:
 
 
 def serve_activated(survey_file: Path) -> None:
-    """Serve the addresses that systemd handed over, until the daemon closes its end. Raises
+    """Serve the addresses received from systemd, until the daemon closes its end. Raises
     DeviceError where no daemon records.
 
-    The secrets are credentials of this unit: the daemon has none of them.
+    The secrets are credentials of this unit: the daemon has no access to them.
     """
     # both bring numpy, which the page that a daemon starts does not load
     from stepdiag.daq.survey.file import load_survey
@@ -91,15 +91,17 @@ def serve_activated(survey_file: Path) -> None:
 
 def _handed_over() -> range:
     """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): from 3 on,
-    for this process alone."""
+    only for this process.
+    """
     if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return range(0)
     return range(FIRST_HANDED, FIRST_HANDED + int(os.environ.get("LISTEN_FDS", "0")))
 
 
 def _called(path: Path) -> socket.socket:
-    """Return a connection to the daemon, which may be starting. Raises DeviceError where none takes
-    it in `PATIENCE_S`."""
+    """Return a connection to the daemon, which may be starting. Raises DeviceError where no daemon
+    accepts it within `PATIENCE_S`.
+    """
     end = time.monotonic() + PATIENCE_S
     while True:
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -142,7 +144,7 @@ def _run(
 
 
 def _own_output() -> BinaryIO:
-    """Return standard output for requests alone; what anybody prints goes to standard error."""
+    """Return standard output for requests alone; other output goes to standard error."""
     asks = os.fdopen(os.dup(1), "wb", buffering=0)
     os.set_blocking(asks.fileno(), False)
     os.dup2(2, 1)

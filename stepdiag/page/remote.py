@@ -1,4 +1,4 @@
-"""The daemon's image in the page's process: pictures over a pipe, requests over another."""
+"""The daemon as represented in the page's process: snapshots by a pipe, requests by another."""
 
 import asyncio
 import itertools
@@ -33,12 +33,12 @@ from stepdiag.page.messages import (
 ANSWER_S = 3.0
 """Longest time for an answer of the daemon in s."""
 FRESH_S = 0.5
-"""A picture older than this is not the present state."""
+"""A snapshot older than this is not the present state."""
 
 
 class RemoteDaemon:
-    """Sends requests and receives pictures. ``on_picture`` is called with every picture that comes,
-    ``on_end`` when no more will come.
+    """Sends requests and receives pictures. ``on_picture`` is called with every snapshot,
+    ``on_end`` after the last.
     """
 
     def __init__(self, asks: BinaryIO) -> None:
@@ -53,7 +53,7 @@ class RemoteDaemon:
         self.on_end: Callable[[], None] = lambda: None
 
     async def hear(self, hears: BinaryIO) -> None:
-        """Take the daemon's messages until it closes the pipe."""
+        """Process the daemon's messages until it closes the pipe."""
         reader = asyncio.StreamReader()
         loop = asyncio.get_running_loop()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), hears)
@@ -77,7 +77,7 @@ class RemoteDaemon:
         self._ask(Ready(open=still_open))
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Report that an address has sent so many wrong tokens."""
+        """Report a number of wrong tokens from an address."""
         self._ask(Guesses(address=address, count=count))
 
     def say_fault(self, why: object) -> None:
@@ -102,7 +102,7 @@ class RemoteDaemon:
         return self._picture
 
     async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
-        """Have an order done; return the reason of a refusal, empty after success. Raises
+        """Request a command; return the reason of a refusal, empty after success. Raises
         DeviceError for a silent daemon.
         """
         number = next(self._numbers)
@@ -132,8 +132,8 @@ class RemoteDaemon:
             del self._awaited[number]
 
     def _ask(self, request: Request) -> None:
-        """Send a request. A daemon that takes no more will not answer either, so nothing waits for
-        an answer here.
+        """Send a request. A daemon that accepts no requests will not answer either, so there is no
+        wait for an answer here.
         """
         try:
             os.write(self._asks.fileno(), framed(request))

@@ -19,13 +19,14 @@ CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Nothing inline, nothing from elsewhere."""
+"""No inline content, and no content from other servers."""
 REPORT_POLICY = (
     "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; img-src data:; "
     "script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 )
-"""A report is a document of its own: it may turn its drawings, but neither reach the page nor the
-daemon."""
+"""A report is a document of its own: its scripts may turn its drawings, but can reach neither the
+page nor the daemon.
+"""
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -34,27 +35,27 @@ HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), usb=(), serial=()",
 }
 SEND_S = 20.0
-"""A reader that takes nothing for so long is let go."""
+"""Time in s after which a reader that receives nothing is disconnected."""
 COOKIE = "stepdiag-files"
 MOST_SESSIONS = 100
 MOST_ADDRESSES = 1000
-"""Addresses whose failures are counted; the oldest go first."""
+"""Largest number of addresses whose failures are counted; the oldest are removed first."""
 GUESSES = 10
-"""Number of wrong tokens from an address after which they are shown at the machine, and again
-whenever they are ten times as many.
+"""Number of wrong tokens from an address after which the machine's page shows them, and again at
+each tenfold number.
 """
 DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
-"""A wrong token is answered late, and later each time."""
+"""A wrong token is answered with a delay that grows each time."""
 
 
 class Guard:
-    """Refuses requests sent by another site, adds the policies to every answer, and drops clients
-    that do not fetch it.
+    """Refuses requests sent by another site, adds the policies to every answer, and disconnects
+    clients that do not receive it.
 
-    A site whose name points to this computer (DNS rebinding) comes with its own name in ``Host``:
-    the name must be a loopback name, the called address, or one of ``names``. A POST must prove by
-    its ``Origin`` that the page itself sent it: browsers send this line by themselves, and other
-    clients write it.
+    A site whose name points to this computer (DNS rebinding) sends its own name in ``Host``: the
+    name must be a loopback name, the called address, or one of ``names``. The ``Origin`` of a POST
+    must prove that the page itself sent it: browsers add this line by themselves, other clients
+    must write it.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -113,8 +114,9 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
 
 
 class Guesses:
-    """Wrong secrets by the address that they came from. ``on_guesses`` gets an address and its
-    count at ten and at each ten times."""
+    """Wrong secrets by the address of their sender. ``on_guesses`` receives an address and its
+    count at ten and at each tenfold number.
+    """
 
     def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
         self._on_guesses = on_guesses
@@ -122,7 +124,7 @@ class Guesses:
         self.delay_s = DELAY_S
 
     def wrong(self, address: str) -> float:
-        """Count one more; return how many seconds its answer is to wait."""
+        """Add one to the count; return the delay of its answer in s."""
         count = self._failures.pop(address, 0) + 1
         self._failures[address] = count
         if len(self._failures) > MOST_ADDRESSES:
@@ -132,13 +134,13 @@ class Guesses:
         return min(self.delay_s * count, LONGEST_DELAY_S)
 
     def right(self, address: str) -> None:
-        """Reset the count: a user with the secret may mistype it."""
+        """Reset the count: a user who has the secret may mistype it."""
         self._failures.pop(address, None)
 
 
 class Access:
-    """Holders of the token. Reading files is also allowed to a browser that has shown the token
-    before, by a cookie that is not the token.
+    """Holders of the token. A browser that has sent the token before may also read files, by a
+    cookie that is not the token.
     """
 
     def __init__(self, token: str, on_guesses: Callable[[str, int], None]) -> None:
@@ -152,8 +154,8 @@ class Access:
         return bool(self._token)
 
     async def commands(self, request: Request) -> bool:
-        """Return whether the request carries the token, percent-encoded since a header holds no
-        other letters than ASCII.
+        """Return whether the request carries the token, percent-encoded because a header holds only
+        ASCII.
 
         False where none is configured.
         """
@@ -176,7 +178,7 @@ class Access:
         return False
 
     async def reads(self, request: Request) -> bool:
-        """Return whether files may be fetched: by everybody where no token is configured."""
+        """Return whether files may be downloaded: by everybody where no token is configured."""
         return (
             not self._token
             or request.cookies.get(COOKIE) in self._sessions
@@ -184,7 +186,7 @@ class Access:
         )
 
     def remember(self, request: Request, answer: Response) -> None:
-        """Let the browser fetch files from now on."""
+        """Permit the browser to download files from now on."""
         session = secrets.token_urlsafe(32)
         self._sessions[session] = None
         if len(self._sessions) > MOST_SESSIONS:
@@ -195,7 +197,7 @@ class Access:
 
 
 def address_of(request: HTTPConnection) -> str:
-    """Return the address that a request came from."""
+    """Return the address of a request's sender."""
     return request.client.host if request.client is not None else ""
 
 

@@ -1,5 +1,5 @@
-"""Settings of a survey's page, and its secrets: the token and the key of its certificate, which
-stand in no survey file and no log.
+"""Settings of a survey's page, and its secrets: the token and the key of its certificate, which no
+survey file and no log contains.
 
 A secret is a credential of the service (systemd's ``LoadCredential``), or a file beside the survey
 file that only its owner may read.
@@ -21,9 +21,9 @@ from stepdiag.page.messages import PageSettings
 TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
 """The names of the credentials."""
 SHORTEST_TOKEN = 16
-"""Characters: fewer can be guessed."""
+"""Smallest number of characters: fewer can be guessed."""
 LONGEST_TOKEN_BYTES = 1000
-"""A larger file is no token or password."""
+"""Size in bytes above which a file is not a token or password."""
 
 
 def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
@@ -53,13 +53,14 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
 
 
 def in_the_clear(page: Page, settings: PageSettings) -> bool:
-    """Return whether others than this computer can reach the page, and what they send can be read
-    on the way."""
+    """Return whether other computers can reach the page, and their messages can be read on the
+    network.
+    """
     return not settings.certificate and not is_loopback(page.host)
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host is this computer itself, as seen from itself."""
+    """Return whether a host name means this computer itself."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -67,8 +68,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _file(survey_file: Path, credential: str, named: str) -> Path | None:
-    """Return the file of a credential: the service's own comes first; None where there is
-    neither."""
+    """Return the file of a credential, first the service's own; None where neither exists."""
     given = _credential(credential)
     if given is not None and given.is_file():
         return given
@@ -76,7 +76,7 @@ def _file(survey_file: Path, credential: str, named: str) -> Path | None:
 
 
 def _credential(name: str) -> Path | None:
-    """Return where the service has a credential of this name; None outside a service."""
+    """Return the path of the service's credential with this name; None outside a service."""
     return (
         Path(os.environ["CREDENTIALS_DIRECTORY"]) / name
         if "CREDENTIALS_DIRECTORY" in os.environ
@@ -109,8 +109,9 @@ def secret_file(survey_file: Path, credential: str, named: str, field: str) -> P
 
 
 def secret(survey_file: Path, credential: str, named: str, field: str) -> str:
-    """Return a secret of one line, empty where none is given. Raises UsageError as `secret_file`
-    does, and for what is no line."""
+    """Return a secret of one line, empty if none is given. Raises the UsageError of `secret_file`,
+    and UsageError for a text of more lines.
+    """
     path = secret_file(survey_file, credential, named, field)
     if path is None:
         return ""

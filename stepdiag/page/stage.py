@@ -1,8 +1,9 @@
-"""The stage of the work, and its most important sentence now: set up, align, drive, trouble, done.
+"""The stage of the work, and its most important sentence at present: set up, align, drive, trouble,
+done.
 
 A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list
-holds sentences of its own; stops are counted from 1. The browser puts them into the words of the
-language chosen there.
+holds sentences of its own; stops are counted from 1. The browser shows them in the language chosen
+there.
 """
 
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ GONE = frozenset({"silent", "lost"})
 
 @dataclass(frozen=True, slots=True)
 class Say:
-    """A sentence: its key, and what is filled in."""
+    """A sentence: its key, and the values to fill in."""
 
     key: str
     values: dict[str, "str | int | list[Say]"] = field(default_factory=dict)
@@ -41,8 +42,9 @@ class Headline:
 
 
 def headline(now: Snapshot) -> Headline:
-    """Return the stage and the sentence of a snapshot: what blocks the survey comes before what is
-    next."""
+    """Return the stage and the sentence of a snapshot: an obstacle has priority over the next
+    step.
+    """
     return _trouble(now) or _quiet(now)
 
 
@@ -52,7 +54,7 @@ def is_running(now: Snapshot) -> bool:
 
 
 def _trouble(now: Snapshot) -> Headline | None:
-    """Return the trouble that a person must look at at once; None where there is none."""
+    """Return the trouble that needs a person at once; None without one."""
     for link, state in (
         ("laser", now.laser.state),
         ("plc", now.plc.state),
@@ -95,8 +97,9 @@ def _again(now: Snapshot) -> DriveStatus | None:
 
 
 def _repeat(now: Snapshot, drive: DriveStatus) -> Headline:
-    """Return the advice to repeat passes. Nothing is burning any more: the stage is trouble, the
-    page is not in alarm."""
+    """Return the advice to repeat passes. The trouble is not urgent: the stage is trouble, but the
+    page shows no alarm.
+    """
     return Headline(
         stage="trouble",
         lead=_repeated(drive),
@@ -111,8 +114,9 @@ def _repeated(drive: DriveStatus) -> Say:
 
 
 def _pass(setup: str, number: int) -> "dict[str, str | int | list[Say]]":
-    """Return setup, number and direction of a pass as a sentence takes them: odd passes lead
-    outward."""
+    """Return setup, number and direction of a pass in the form for a sentence: odd passes lead
+    outward.
+    """
     return {"setup": setup, "pass": number, "way": [Say("outward" if number % 2 else "return")]}
 
 
@@ -143,8 +147,8 @@ def _quiet(now: Snapshot) -> Headline:
 
 
 def _underway(now: Snapshot) -> Headline:
-    """Return the driven pass, and the passes that the standing setup still lacks: the operator
-    needs both before taking the setup down.
+    """Return the driven pass, and the further passes of the present setup: the operator needs both
+    before removing the setup.
     """
     owed = next(
         (drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup), None
@@ -180,8 +184,9 @@ def _prepare(now: Snapshot, *, aligned: bool) -> Say:
 
 
 def _set_up(now: Snapshot) -> Say:
-    """Return the next hand on the set-up: which way the laser looks, what is mounted, which program
-    is started."""
+    """Return the next step of setting up: the direction of the laser, the target, the program to
+    start.
+    """
     setup = now.expects_setup
     if not setup:
         return Say("do_any")

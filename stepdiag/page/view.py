@@ -1,5 +1,5 @@
-"""A snapshot as the browser gets it: two events, what changes with a stop or a setup, and what goes
-out with every picture.
+"""A snapshot in the form for the browser, as two events: the parts that change with a stop or a
+setup, and the parts that are sent with every snapshot.
 
 Pure: a snapshot in, plain data out. Sentences of the daemon come in every language, places in the
 volume in mm; the browser only shows.
@@ -35,17 +35,17 @@ SLOW_FIELDS = (
     "result_ready",
     "to_drive",
 )
-"""Parts that change with a stop or a setup; all the rest goes out with every picture."""
+"""Parts that change with a stop or a setup; all others are sent with every snapshot."""
 SEVERITIES = ("info", "warning", "error")
 SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
-"""Parts that the browser gets in another form than the daemon's."""
+"""Parts whose form differs from the daemon's."""
 FAST_FIELDS = tuple(
     name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in SHAPED
 )
 
 
 def survey_view(now: Snapshot) -> dict[str, Any]:
-    """Return what changes with a stop or a setup."""
+    """Return the parts that change with a stop or a setup."""
     plain = {name: getattr(now, name) for name in SLOW_FIELDS if name not in SHAPED}
     return {
         **plain,
@@ -56,7 +56,7 @@ def survey_view(now: Snapshot) -> dict[str, Any]:
 
 
 def now_view(now: Snapshot) -> dict[str, Any]:
-    """Return what goes out with every picture."""
+    """Return the parts that are sent with every snapshot."""
     plain = {name: getattr(now, name) for name in FAST_FIELDS}
     head = headline(now)
     return {
@@ -94,10 +94,10 @@ def _link(one: LinkStatus | None) -> dict[str, Any] | None:
 
 
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
-    """Return one entry a cause: code, severity, how often, open or past, and per language its
-    sentence and what to do.
+    """Return one entry a cause: code, severity, number, open or past, and per language its sentence
+    and remedy.
 
-    Findings are given in the order in which they arose. Errors come before warnings, open ones
+    Findings are given in the order of their occurrence. Errors come before warnings, open ones
     before past ones, new ones before old ones.
     """
     groups: dict[tuple[str, ...], list[FindingStatus]] = {}
@@ -112,7 +112,7 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
 
 
 def _place(one: FindingStatus) -> tuple[str, int | None]:
-    """Return the run and the stop at which it was."""
+    """Return the run and the stop of the finding."""
     return f"{one.at.setup} {one.at.way}", one.at.stop
 
 

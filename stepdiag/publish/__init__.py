@@ -1,5 +1,5 @@
-"""Publication of a survey for the shop's other programs: its state, findings and results, by MQTT
-or OPC UA, from a process of its own.
+"""Publication of a survey for the company's other programs: its state, findings and results, by
+MQTT or OPC UA, from a separate process.
 
 In: the folder of a survey, read and never changed. Out: messages to a broker, or a server for
 clients. Needs the extra ``stepdiag[mqtt]`` or ``stepdiag[opcua]``; imported by `cli` only, inside

@@ -1,5 +1,6 @@
-"""The messages, each a JSON object of a schema of its own, made from what stands in the survey's
-folder; nothing there is changed."""
+"""The messages, each a JSON object with its own schema, made from the files in the survey's folder,
+which stay unchanged.
+"""
 
 import hashlib
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ SCHEMA = "schema"
 
 
 class _About(msgspec.Struct, frozen=True, kw_only=True):
-    """The common beginning of every message, behind the name of its schema."""
+    """The common beginning of every message, after the name of its schema."""
 
     version: int = VERSION
     machine: str
@@ -34,7 +35,7 @@ class _About(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-online"):
-    """Whether the sending program runs; false is the will that the broker keeps for it."""
+    """Whether the sending program runs; false is the last will stored at the broker."""
 
     online: bool
 
@@ -56,7 +57,7 @@ class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-s
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One remark, as in the result (docs/findings.md)."""
+    """One finding, as in the result (docs/findings.md)."""
 
     code: str
     severity: Literal["info", "warning", "error"]
@@ -87,7 +88,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
-    """A figure beside its tolerance, as in the result (docs/uncertainty.md)."""
+    """A figure and its tolerance, as in the result (docs/uncertainty.md)."""
 
     quantity: str
     unit: str
@@ -100,7 +101,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ResultMessage(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"):
-    """The numbers of the last result; ``sha256`` is that of its file."""
+    """The numbers of the last result; ``sha256`` is the hash of its file."""
 
     round: str
     begun: str
@@ -139,8 +140,9 @@ def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> s
 
 
 class Watched:
-    """The folder of one survey: its messages now, a result read anew only where its file has
-    changed."""
+    """The folder of one survey with its present messages; a result is read again only if its file
+    has changed.
+    """
 
     def __init__(self, survey: Survey, folder: Path) -> None:
         self._survey, self.folder = survey, folder
@@ -181,8 +183,9 @@ class Watched:
         return (self._state(last, live, damage, complete=complete), *(published or ()))
 
     def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
-        """Yield findings and result of every round, oldest first; what cannot be read is left
-        out."""
+        """Yield findings and result of every round, oldest first; an unreadable round is left
+        out.
+        """
         rounds: list[Path] = []
         with suppress(OSError):
             rounds = round_folders(self.folder)

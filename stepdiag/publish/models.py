@@ -28,8 +28,9 @@ class Models:
 
 
 async def add_models(server: Server) -> Models:
-    """Import the nodesets into a server that is initialised and not started; asyncua puts the
-    classes of their structures into ``ua``."""
+    """Import the nodesets into a server that is initialised but not started; asyncua puts the
+    classes of their structures into ``ua``.
+    """
     for name in ORDER:
         await server.import_xml(xmlstring=importable(name))
     index = await server.get_namespace_index(_URI.format("Machinery/Result"))
@@ -46,12 +47,12 @@ async def add_models(server: Server) -> Models:
 
 
 def importable(name: str) -> str:
-    """Return a nodeset as asyncua 2.1 imports it.
+    """Return a nodeset in the form that asyncua 2.1 can import.
 
     A variable without a data type is of BaseDataType, the default of the schema (OPC 10000-6, F.6).
-    Default values of the structures that the nodeset itself defines are left out: their classes are
-    not there yet (KeyError). The meta data of a result are an abstract structure here: asyncua
-    writes a field that lets subtypes in without the head of an extension object.
+    Default values of the structures defined by the nodeset itself are left out: their classes do
+    not exist yet (KeyError). The meta data of a result are an abstract structure here: asyncua
+    writes a field that permits subtypes without the header of an extension object.
     """
     root = ET.parse(FOLDER / f"{name}.NodeSet2.xml").getroot()  # noqa: S314  # a file of this package
     for kind in ("UAVariable", "UAVariableType"):

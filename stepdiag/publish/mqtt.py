@@ -1,8 +1,8 @@
 """To a broker by MQTT: retained messages at least once, sent when they change, and again after
 every new connection.
 
-An absent broker is tried again, ever more seldom; a refusing broker ends the program in words.
-Neither touches the recording, which runs in a process of its own without a view of this process.
+An absent broker is tried again at growing intervals; a refusing broker ends the program with a
+message. Neither affects the recording, which runs in a separate process.
 """
 
 import asyncio
@@ -33,14 +33,15 @@ REFUSALS = {
     "Not authorized",
     "Banned",
 }
-"""Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""
+"""Answers to a connection (MQTT 5.0, 3.2.2.2) that a repetition does not change."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
 ANSWER_S = 10.0
 """Longest time for an answer of a broker in s."""
 QOS = 1
 LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
-"""Bytes of one packet, and of all between two looks at the survey: nothing is subscribed to, so a
-broker only acknowledges."""
+"""Largest size of one packet, and of all packets between two readings of the survey, in bytes:
+without subscriptions a broker only acknowledges.
+"""
 PATIENCE_S = 5.0
 """Longest time for the last message at the end of the program, in s."""
 
@@ -69,7 +70,7 @@ class Broker:
 def publish(
     watched: Watched, survey: Survey, broker: Broker, *, prefix: str, every_s: float, once: bool
 ) -> None:
-    """Send until SIGTERM or SIGINT, or everything once.
+    """Send until SIGTERM or SIGINT, or once.
 
     Raises DeviceError for a refusing broker, with ``once`` also for an absent broker, and
     UsageError for invalid certificates.
@@ -140,8 +141,9 @@ class _Publisher:
         )
 
     async def _send(self, client: "_Client", *, once: bool) -> None:
-        """Send what is new, look again after a while; a connection that is lost raises at once, not
-        with the next message."""
+        """Send the changes, and read the survey again after a while; a lost connection raises an
+        error at once, not only at the next message.
+        """
         sent: dict[str, bytes] = {}
         if once:
             state, *others = self._watched.now()
@@ -186,7 +188,7 @@ class _Publisher:
             sent[topic] = payload
 
     def _judge(self, error: Exception, *, once: bool) -> None:
-        """Raise DeviceError where another try would end alike, or none is wanted."""
+        """Raise DeviceError where a repetition would end in the same way, or is not wanted."""
         code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
         untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
@@ -225,7 +227,7 @@ class _Client(aiomqtt.Client):
 
     def let_go(self) -> None:
         """Close the open connection: after an unexpected packet the library leaves it open and
-        reads on and on.
+        continues to read.
         """
         sock = self._client.socket()
         if sock is not None and sock.fileno() >= 0:

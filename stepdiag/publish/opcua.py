@@ -1,9 +1,9 @@
-"""A server of OPC UA: results, state and findings of one survey (`stepdiag.publish.station`), for
-reading alone.
+"""A server of OPC UA: results, state and findings of one survey (`stepdiag.publish.station`), read
+only.
 
-It stands on the public interface of asyncua. The library limits connections, messages and
-subscriptions; the walls of the process and its unit limit the rest (docs/security.md), so that a
-client can end this server and never the recording, which runs in another process.
+It uses only the public interface of asyncua. The library limits connections, messages and
+subscriptions; the walls of the process and its unit limit the rest (docs/security.md). So a client
+can end this server but never the recording, which runs in another process.
 """
 
 import asyncio
@@ -29,11 +29,11 @@ from stepdiag.publish.process import stand_back, stopped_by_signal
 from stepdiag.publish.station import Station
 
 MOST_CONNECTIONS, ACTIVATION_S, SESSION_S = 100, 15.0, 120.0
-"""Most connections, longest time of a connection without an admitted session, and life of a session
-after its connection, in s.
+"""Largest number of connections, longest time of a connection without an admitted session, and life
+of a session after its connection, in s.
 """
 LONGEST_MESSAGE, CHUNK = 262_144, 65_535
-"""Bytes of a request: a few hundred times as much comes of it in memory."""
+"""Largest size of a request in bytes: in memory it needs a few hundred times as much."""
 MOST_SUBSCRIPTIONS, LONGEST_QUEUE, MOST_UNACKNOWLEDGED = 200, 10, 10
 
 _log = structlog.get_logger("publish")
@@ -54,7 +54,7 @@ class Endpoint:
 
     @property
     def url(self) -> str:
-        """Return the address as clients write it."""
+        """Return the address in the form for clients."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"opc.tcp://{host}:{self.port}/stepdiag"
 
@@ -93,8 +93,9 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
 
 
 async def _prepared(endpoint: Endpoint) -> Server:
-    """Return a server that is not started, with its security. Raises UsageError for certificate and
-    key."""
+    """Return a server with its security settings, not started yet. Raises UsageError for
+    certificate and key.
+    """
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     _limit(server)
@@ -132,7 +133,7 @@ async def _prepared(endpoint: Endpoint) -> Server:
 
 
 def _limit(server: Server) -> None:
-    """Set every limit that the library has for what clients open and send."""
+    """Set every limit of the library for the connections and messages of clients."""
     inner, wire = server.iserver, server.limits
     inner.max_connections, inner.max_pending_activation_seconds = MOST_CONNECTIONS, ACTIVATION_S
     inner.max_session_timeout_ms, inner.max_subscriptions = SESSION_S * 1e3, MOST_SUBSCRIPTIONS
@@ -179,9 +180,9 @@ class _Users:
     """Admitted users: every client to read, or a single user with a password. No client may change
     anything.
 
-    The library opens a channel in the clear for every client, for the question of its channels, and
-    a session over it too: a client without a certificate has come this way, refused here by an
-    encrypted server (``secure``).
+    The library opens an unencrypted channel for every client, to query its channels, and also a
+    session over it: a client without a certificate arrives in this way, and an encrypted server
+    (``secure``) refuses it here.
     """
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
@@ -197,8 +198,8 @@ class _Users:
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user of a name and a password, None if they are wrong, and for a client in the
-        clear.
+        """Return the user for a name and a password; None if they are wrong, and for an unencrypted
+        client.
         """
         if self._secure and not certificate:
             return None

@@ -1,5 +1,5 @@
-"""Privileges and processor share that a publishing program gives up for the recording beside it,
-its walls, and its end.
+"""A publishing program gives priority and processor time to the recording, drops its own
+privileges, and ends on a signal.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ import structlog
 from stepdiag.walls.confine import confine_publisher, readable_by_program
 
 MOST_MEMORY = 2**30
-"""Bytes of data, whatever comes from the network; a server of OPC UA takes 160 MB of memory."""
+"""Largest memory in bytes, whatever the network sends; a server of OPC UA needs 160 MB."""
 NAMES = ("/etc", "/run/systemd/resolve")
 """Files for the names of hosts, and the authorities of certificates."""
 BEHIND = 5
@@ -23,11 +23,11 @@ _log = structlog.get_logger("publish")
 
 
 def stand_back(folder: Path, *, calls: int = 0) -> None:
-    """Leave the processor to the recording if both need it, and memory too; then set up the walls
+    """Leave the processor and memory to the recording if both need them; then set up the walls
     (`stepdiag.walls.confine`).
 
-    ``folder`` is the survey's; ``calls`` is the port of the called server, 0 for a server of its
-    own. Open parts of the walls stand in the journal.
+    ``folder`` is the survey's; ``calls`` is the port of the called server, 0 for a program that is
+    the server. The journal names walls that could not be set up.
     """
     os.nice(BEHIND)
     allowed = [
@@ -41,7 +41,7 @@ def stand_back(folder: Path, *, calls: int = 0) -> None:
 
 
 def stopped_by_signal() -> asyncio.Event:
-    """Return what SIGTERM or SIGINT sets; only within a running loop."""
+    """Return an event set by SIGTERM or SIGINT; only within a running loop."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGTERM, signal.SIGINT):

@@ -1,8 +1,8 @@
-"""When the figures of a machine leave their tolerances, by the rounds of its survey
+"""The times at which the figures of a machine leave their tolerances, from the rounds of its survey
 (`stepdiag.fleet.trend`).
 
-The trend stands on the rows of the results themselves: a table of Arrow would reserve a gigabyte,
-which is all that this process has.
+The trend uses the rows of the results themselves: a table of Arrow would reserve a gigabyte, the
+limit of this process.
 """
 
 import math
@@ -23,8 +23,9 @@ from stepdiag.fleet.trend import Trend, trends_of
 
 
 def leavings(folder: Path, now: datetime) -> list[Trend]:
-    """Return the series with a day on which they leave the tolerance of the last result; a round
-    that cannot be read is left out."""
+    """Return the series with a date at which they leave the tolerance of the last result; an
+    unreadable round is left out.
+    """
     found = list(_results(folder))
     judged = found[-1][1].conformity if found else None
     if judged is None:
@@ -40,8 +41,8 @@ def leavings(folder: Path, now: datetime) -> list[Trend]:
 
 
 def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[Series]:
-    """Yield a figure over the surveys that state it; a figure of the volume for each volume by
-    itself.
+    """Yield a figure over the surveys that state it; a figure of the volume separately for each
+    volume.
     """
     stating = [
         (survey, row)

@@ -22,8 +22,9 @@ from stepdiag.texts.texts import UNITS
 
 OWN_NAMESPACE = "urn:stepdiag:publish"
 UNKNOWN = -1
-"""The error of a method for a result or a handle that is not there; the model leaves what is below
-0 to the application."""
+"""The error of a method for a result or a handle that does not exist; the model leaves values below
+0 to the application.
+"""
 MOST_HANDLES = 1000
 EVALUATED = {
     "": "Undefined",
@@ -31,7 +32,7 @@ EVALUATED = {
     "not_conform": "NotOK",
     "not_decidable": "NotDecidable",
 }
-"""The verdict about a machine as OPC 40001-101 names it."""
+"""The verdict about a machine in the terms of OPC 40001-101."""
 _MINUTE = "%Y-%m-%d %H:%M UTC"
 _RESULT, _RESULT_TYPE, _EVENT_TYPE, _MANAGEMENT_TYPE = 3008, 2001, 1002, 1004
 _NOTIFICATION_TYPE, _MAINTENANCE_TYPE = 7, 9
@@ -40,7 +41,7 @@ _log = structlog.get_logger("publish")
 
 
 class Station:
-    """The machine's object: made once, then written to."""
+    """The machine's object: created once, then updated."""
 
     def __init__(self, server: Server, models: Models, own: int) -> None:
         self._server, self._models, self._own = server, models, own
@@ -55,7 +56,7 @@ class Station:
 
     @classmethod
     async def made(cls, server: Server, survey: Survey, watched: Watched) -> "Station":
-        """Put the models and the object into a server, with every result that is there."""
+        """Add the models and the object to a server, with every existing result."""
         station = cls(
             server, await add_models(server), await server.register_namespace(OWN_NAMESPACE)
         )
@@ -106,8 +107,8 @@ class Station:
     async def _instance(
         self, parent: Any, name: str, index: int, kind: int, offered: set[str]
     ) -> tuple[Any, dict[str, Any]]:
-        """Add an object of a type of a model; return the object with the optional parts that are
-        ``offered``, by name.
+        """Add an object of a type of a model; return the object with its optional parts named in
+        ``offered``.
         """
         named = ua.QualifiedName(name, index)
         node = await parent.add_object(
@@ -149,8 +150,9 @@ class Station:
                 await self._predict(leavings(watched.folder, now))
 
     async def _offer(self, findings: Findings, published: ResultMessage, *, new: bool) -> bool:
-        """Add a result; send an event where it is ``new``. Return whether it was not there
-        before."""
+        """Add a result; send an event if it is ``new``. Return whether the result was not there
+        before.
+        """
         name = result_id(published)
         if name in self._results:
             self._results[name] = (
@@ -231,8 +233,8 @@ class Station:
         await node.write_value(ua.Variant(result, ua.VariantType.ExtensionObject))
 
     async def _predict(self, trends: list[Trend]) -> None:
-        """Write a prognosis of maintenance for each figure that leaves its tolerance, in place of
-        the earlier prognoses.
+        """Write a prognosis of maintenance for each figure that leaves its tolerance, replacing the
+        earlier prognoses.
         """
         await self._server.delete_nodes(await self._prognoses.get_children(), recursive=True)
         index = self._models.machine_tool
@@ -274,8 +276,9 @@ class Station:
         return [ua.Variant(0 if known else UNKNOWN, ua.VariantType.Int32)]
 
     def _given(self, result: Any) -> list[ua.Variant]:
-        """Return handle, result and error. A handle holds nothing here, since no result is ever
-        taken away; the oldest are forgotten."""
+        """Return handle, result and error. A handle reserves nothing here, since no result is ever
+        removed; the oldest handles are discarded.
+        """
         if result is not None:
             self._last_handle = self._last_handle % 0xFFFF_FFFF + 1
             self._handles[self._last_handle] = None
@@ -289,7 +292,7 @@ class Station:
 
 
 def result_id(published: ResultMessage) -> str:
-    """Return the name of a result, another one for another file: MACHINE/SURVEY/ROUND/HASH."""
+    """Return the name of a result, different for different files: MACHINE/SURVEY/ROUND/HASH."""
     return "/".join((published.machine, published.survey, published.round, published.sha256[:16]))
 
 

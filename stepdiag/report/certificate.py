@@ -1,5 +1,6 @@
-"""The first page of the report: who, what, when, with what and by which convention, and the volume
-as found, predicted and as left."""
+"""The first page of the report: persons, object, time, instruments and convention, and the volume
+as found, predicted and as left.
+"""
 
 import base64
 from collections.abc import Callable, Mapping
@@ -50,8 +51,7 @@ FACTS = (
     "event",
     "corrected",
 )
-"""Entries of ``survey`` in the result, in the order of the page; each is a word of the
-catalogue."""
+"""Entries of ``survey`` in the result, in the order of the page; each is a key of the catalogue."""
 DUE = {
     "customer",
     "machine",
@@ -70,13 +70,13 @@ PICTURES = {
     ".svg": "image/svg+xml",
 }
 LARGEST_LOGO_BYTES = 500_000
-"""Bytes of a logo: it stands in the report as text, a third longer."""
+"""Largest size of a logo in bytes: the report contains it as text, a third longer."""
 Gain = Literal["better", "same", "worse", "unsure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Letterhead:
-    """The issuer of the report: ``logo`` is a picture as a data address, empty without one."""
+    """The issuer of the report: ``logo`` is a picture as a data address, empty without a logo."""
 
     company: str = ""
     address: tuple[str, ...] = ()
@@ -123,7 +123,7 @@ def _picture(path: Path) -> str:
 
 
 def _compensation(result: Result, words: Mapping[str, str]) -> str:
-    """Return the tables that were active while measuring, with the files and their hashes."""
+    """Return the tables active during the measurement, with the files and their hashes."""
     statement = stated_in(result)
     state = words[
         f"compensation_{statement.state}"
@@ -144,8 +144,9 @@ def _compensation(result: Result, words: Mapping[str, str]) -> str:
 def facts_table(
     result: Result, words: Mapping[str, str], laboratory: Laboratory | None = None
 ) -> Table:
-    """Return who measured what, when and with what; an entry of `DUE` that neither survey nor
-    laboratory states is "not stated"."""
+    """Return operator, object, time and instruments; an entry of `DUE` that neither survey nor
+    laboratory states is "not stated".
+    """
     known = _known(result.survey or Facts(), laboratory or Laboratory())
     shadowed = {"date"} if known.begun else set()
     missing = words["compensation_unstated"]
@@ -164,8 +165,9 @@ def facts_table(
 
 
 def _known(facts: Facts, laboratory: Laboratory) -> Facts:
-    """Return the facts of a survey; what the laboratory's file states stands in their place, as in
-    the certificate."""
+    """Return the facts of a survey; the statements of the laboratory's file replace them, as in the
+    certificate.
+    """
     of_survey = Equipment(
         name=facts.instrument,
         serial=facts.instrument_serial,
@@ -188,7 +190,7 @@ def _known(facts: Facts, laboratory: Laboratory) -> Facts:
 
 
 def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table:
-    """Return a row for every person who signs, with room for date and signature."""
+    """Return a row for every person who signs, with space for date and signature."""
     persons = (laboratory.person if laboratory is not None else ()) or (Person(),)
     missing = words["compensation_unstated"]
     rows = [(one.name or missing, one.role or missing, "", "") for one in persons]
@@ -198,7 +200,7 @@ def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table
 
 
 def _fact(value: object) -> str:
-    """Return a fact as it was stated: a wavelength keeps its six digits."""
+    """Return a fact as stated: a wavelength keeps its six digits."""
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
@@ -209,8 +211,8 @@ def effect_table(
     words: Mapping[str, str],
     language: Language,
 ) -> Table | None:
-    """Return every figure as found, predicted, as left and, where a tolerance is stated, that with
-    the verdict, at k = 2.
+    """Return every figure as found, predicted and as left, and its tolerance, if stated, with the
+    verdict, at k = 2.
 
     None where no volume was surveyed and no tolerance is stated.
     """
@@ -301,7 +303,7 @@ def with_u(number: Quantity) -> str:
 
 
 def interval_words(found: Interval | None) -> str:
-    """Return an interval in um as a person reads it; a dash where there is none."""
+    """Return an interval in um in the form for a person; a dash without an interval."""
     if found is None:
         return shown(None)
     low, high = found.shown()
@@ -318,18 +320,20 @@ def bound_words(found: Interval | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AsLeft:
-    """The volume measured again after the files were loaded: its figures, where they stand, and
-    whether the prediction came true."""
+    """The volume measured again after the files were loaded: its figures, their place, and whether
+    the prediction is confirmed.
+    """
 
     source: str
     rms: Interval
     largest: Interval
     kept: bool | None
-    """Whether the measured rms lies within what was predicted, both with their U; None where one of
-    them has none."""
+    """Whether the measured rms agrees with the prediction, both with their U; None where one of
+    them has none.
+    """
     gain: Gain = "unsure"
-    """Change of the machine: an interval wholly below or above the interval as found is better or
-    worse, an overlapping interval neither.
+    """Change of the machine: an interval completely below or above the interval as found is better
+    or worse, an overlapping interval neither.
     """
     squareness: Mapping[str, Quantity] = field(default_factory=dict)
     judged: tuple[Judged, ...] = ()
@@ -338,13 +342,13 @@ class AsLeft:
 def as_left(
     source: str, again: Conclusion, found: Reach | None, after: Result | None = None
 ) -> AsLeft:
-    """Return the check of the reach ``found`` before loading by a survey after it: whether the
-    prediction came true, and the gain.
+    """Return the check of the effect predicted before loading (``found``) by a survey after it:
+    whether the prediction is confirmed, and the gain.
 
     ``after`` is the result of that survey, for its squareness and its verdicts.
 
-    Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a
-    volume there.
+    Raises ``UsageError`` where an axis did not travel in one of the two: such a survey gives no
+    statement about a volume.
     """
     if again.reach is None or found is None:
         what = message("axis-not-travelled")
@@ -371,7 +375,7 @@ def as_left(
 
 
 def _beside(one: Interval, other: Interval) -> int | None:
-    """Return -1 or 1 if an interval lies wholly below or above another, 0 for an overlap, None
+    """Return -1 or 1 if an interval is completely below or above another, 0 for an overlap, None
     without ends.
     """
     if one.low_um is None or one.high_um is None or other.low_um is None or other.high_um is None:

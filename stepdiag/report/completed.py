@@ -14,8 +14,9 @@ from stepdiag.report.output import write_report
 
 
 def write_completed_report(done: Completed) -> Path:
-    """Write conclusion and report of a completed survey, with its readings and all that was
-    exported; return the report's path."""
+    """Write conclusion and report of a completed survey, with its readings and all exports; return
+    the report's path.
+    """
     readings = parse_readings((done.folder / READINGS).read_text(encoding="utf-8"), READINGS)
     exported = [exported_of(each) for each in done.exports]
     conclusion = concluded(done)
@@ -35,8 +36,7 @@ def write_completed_report(done: Completed) -> Path:
 
 
 def concluded(done: Completed) -> Conclusion:
-    """Return the conclusion of a completed survey: what was exported first, then what was
-    refused."""
+    """Return the conclusion of a completed survey: first the exports, then the refused ones."""
     exports = [export_of(each) for each in done.exports]
     exports += [Export(controller=name, refused=why) for name, why in done.refusals.items()]
     return conclude(done.result, exports)

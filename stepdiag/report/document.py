@@ -136,8 +136,9 @@ def build_report(  # noqa: PLR0913  # what a report is made of
 
 
 def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
-    """Return the conclusion without the verdicts about single figures, which stand in the table
-    above it."""
+    """Return the conclusion without the verdicts about single figures, which the table above
+    contains.
+    """
     firsts = tuple(
         catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES
     )
@@ -150,8 +151,9 @@ def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str,
 def _with_left(
     concluded: dict[str, list[str]], left: AsLeft | None, language: Language
 ) -> dict[str, list[str]]:
-    """Return the conclusion with the verdict as left; what was to be loaded is loaded then, and is
-    not in it."""
+    """Return the conclusion with the verdict as left, without the files to load, which are loaded
+    by then.
+    """
     concluded = _each_once(concluded, language)
     if left is None:
         return concluded
@@ -165,8 +167,9 @@ def _with_left(
 
 
 def localised_document(html: str, language: Language) -> str:
-    """Return the document with the numbers between its tags as the language writes them; styles,
-    scripts and hashes stay as they are."""
+    """Return the document with the numbers between its tags in the notation of the language;
+    styles, scripts and hashes are unchanged.
+    """
     if language == "en":
         return html
     return _BETWEEN.sub(lambda found: f"{found[1]}{localised(found[2], language)}<", html)
@@ -175,8 +178,9 @@ def localised_document(html: str, language: Language) -> str:
 def _standards(
     result: Result, layout: Layout | None, readings: Readings | None
 ) -> Mapping[str, Sequence[StandardFigures]]:
-    """Return the figures of the standards as the result has them, else from the readings: the
-    closed forms write none."""
+    """Return the figures of the standards from the result, or else from the readings: the closed
+    forms write none.
+    """
     if result.standards or layout is None or readings is None:
         return result.standards or {}
     return standard_figures.standards_report(
@@ -205,8 +209,9 @@ def page_parts(number: str = "") -> dict[str, str]:
 
 
 def _css_text(text: str) -> str:
-    """Return a text as a string of CSS can hold it: everything but letters and digits as its
-    number."""
+    """Return a text in the form of a CSS string: every character except letters and digits as its
+    number.
+    """
     return "".join(
         each if each.isalnum() and each.isascii() else f"\\{ord(each):06x}" for each in text
     )
@@ -235,7 +240,7 @@ def _source_hash(text: str) -> str:
 
 @cache
 def template(name: str) -> jinja2.Template:
-    """Return a template of this room; everything is escaped but what this package drew itself."""
+    """Return a template of this room; everything is escaped except this package's own drawings."""
     loader = jinja2.FunctionLoader(_part)
     environment = jinja2.Environment(
         loader=loader,

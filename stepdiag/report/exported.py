@@ -43,7 +43,7 @@ class Exported:
 
 
 def exported_of(written: ExportReport) -> Exported:
-    """Return an export as the report needs it."""
+    """Return an export in the form for the report."""
     files = read_set(written.out_dir)
     lattices = [file for file in files if lattice.recognises(file) and not is_restore(file.name)]
     correction = (
@@ -58,11 +58,11 @@ def exported_of(written: ExportReport) -> Exported:
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
-    """Return the contents of files, or of an export's folder: all are listed; a control's files,
-    except restore files, predict.
+    """Return the contents of files, or of an export's folder: all are listed, and the prediction
+    uses a control's files except restore files.
 
     Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or
-    files of two controls are mixed, ``SafetyError`` for a set that is not as an export wrote it.
+    files of two controls are mixed, ``SafetyError`` for a set that differs from its export.
     """
     files = read_given(paths)
     tables = [file for file in files if _is_table(file) and not is_restore(file.name)]

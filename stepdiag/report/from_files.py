@@ -1,4 +1,4 @@
-"""A report from its source files: for a reader, beside a certificate, and again for the
+"""A report from its source files: for a reader, together with a certificate, and again for the
 verification of a certificate.
 """
 
@@ -35,7 +35,7 @@ class ReportFiles:
 
 
 def report_from(of: ReportFiles) -> Report:
-    """Return the report of a result with all its sources; the same files give the same bytes, in
+    """Return the report of a result with all its sources; the same files give the same bytes, at
     any place.
 
     Files of a folder are one export. Raises a StepdiagError if a file is unreadable or belongs to
@@ -60,7 +60,8 @@ def report_from(of: ReportFiles) -> Report:
 
 def _exports(paths: Sequence[Path]) -> list[list[Path]]:
     """Return the exports among files and folders: a folder that lists its files is read as a
-    whole."""
+    whole.
+    """
     folders: dict[Path, list[Path]] = {}
     for path in paths:
         folders.setdefault(path if path.is_dir() else path.parent, []).append(path)

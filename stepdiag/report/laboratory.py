@@ -1,5 +1,5 @@
 """The facts outside a result: laboratory, customer, item, persons and equipment, from a settings
-file. A missing fact is "not stated".
+file. A missing fact is shown as "not stated".
 """
 
 import hashlib
@@ -16,7 +16,8 @@ from stepdiag.base.settings import convert, read_toml
 NOT_STATED = "not stated"
 UNKNOWN_COUNTRY = "ZZ"
 """ISO 3166-1 leaves this code to its users: the schema has no word for a country that is not
-stated."""
+stated.
+"""
 Country = Annotated[
     str, Meta(pattern=r"^([A-Z]{2})?\Z", description='a country as two letters, such as "DE"')
 ]
@@ -47,7 +48,7 @@ class Item(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Person(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A person who answers for the certificate."""
+    """A person responsible for the certificate."""
 
     name: str = ""
     role: str = ""
@@ -107,8 +108,8 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_laboratory(path: Path | None) -> Stated:
-    """Return the statements of a settings file; nothing without a file. Raises UsageError for a
-    wrong field and a missing file.
+    """Return the statements of a settings file; empty without a file. Raises UsageError for a wrong
+    field or a missing file.
     """
     if path is None:
         return Stated(file=Laboratory())

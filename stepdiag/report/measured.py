@@ -17,13 +17,14 @@ from stepdiag.texts.texts import Language
 
 def layout_of(readings: Readings, result: Result) -> Layout:
     """Return the readings with the geometry of the result's volume. Raises ``DataError`` where they
-    belong to another survey."""
+    belong to another survey.
+    """
     return lay_out(readings, "readings", result.volume)
 
 
 def setup_figures(layout: Layout, words: Mapping[str, str], language: Language) -> list[Figure]:
-    """Return a figure per setup: deviation over the way along the beam, a line per pass; a return
-    pass with a new zero is joined to the outward pass.
+    """Return a figure per setup: deviation over the distance along the beam, a line per pass; a
+    return pass with a new zero is joined to the outward pass.
     """
     return [
         _setup_figure(layout, index, setup.name, words, language)

@@ -17,13 +17,13 @@ PRINT_TIMEOUT_S = 120.0
 
 
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
-    """Write the report and return what was written.
+    """Write the report and return the written files.
 
-    ``out`` ending in ``.html`` is the document itself (its figures' CSV are inside, as links), one
-    ending in ``.pdf`` its print; any other ``out`` is a folder that gets ``report.html`` and
-    ``figures/<name>.csv``. With ``pdf`` the PDF stands beside the HTML. The HTML and its figures
-    are written together or not at all. Raises UsageError where ``out`` is named like another file,
-    DeviceError where a PDF is asked for and no chromium is there or it fails.
+    If ``out`` ends in ``.html`` it is the document itself (its figures' CSV are inside, as links),
+    if in ``.pdf`` its print; any other ``out`` is a folder for ``report.html`` and
+    ``figures/<name>.csv``. With ``pdf`` the PDF is written beside the HTML. The HTML and its
+    figures are written together or not at all. Raises UsageError where ``out`` has the name of
+    another file, DeviceError where a PDF is requested and chromium is missing or fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
         write_atomically(out, printed(report.html.encode()))
@@ -43,7 +43,7 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
 
 
 def printed(html: bytes) -> bytes:
-    """Return the PDF of an HTML file; no file stays. Raises DeviceError as `print_pdf` does."""
+    """Return the PDF of an HTML file; no file remains. Raises the DeviceError of `print_pdf`."""
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as folder:
         document = Path(folder) / "report.html"
         document.write_bytes(html)
@@ -56,8 +56,7 @@ def browser() -> str | None:
 
 
 def print_pdf(document: Path) -> Path:
-    """Print an HTML file to the PDF beside it, offline, in a profile of its own; return its
-    path."""
+    """Print an HTML file to the PDF beside it, offline, in a temporary profile; return its path."""
     program = browser()
     if program is None:
         raise DeviceError(
@@ -100,8 +99,8 @@ def print_pdf(document: Path) -> Path:
 
 
 def _switches(profile: str) -> list[str]:
-    """Return the switches that keep the browser headless and silent on the network; root gets no
-    sandbox because there is none for root.
+    """Return the switches that keep the browser headless and silent on the network; for root there
+    is no sandbox.
     """
     quiet = [
         "--disable-background-networking",

@@ -44,10 +44,11 @@ POSITIONING_FIGURES = {
     "R": "R",
     "A": "A",
 }
-"""The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes
-them."""
+"""The figures of ISO 230-2 by their names in `solver.standards.iso230`, in the notation of the
+standard.
+"""
 MOST_ROWS = 200
-"""Rows of a table that a foreign result may fill at most."""
+"""Largest number of rows of a table for a foreign result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +66,7 @@ def table_of(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table | No
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remark:
-    """A finding in the report: the words of the solver, and the remedy."""
+    """A finding in the report: its sentence, and the remedy."""
 
     severity: str
     severity_word: str
@@ -75,8 +76,9 @@ class Remark:
 
 
 def shown(value: object, decimals: int | None = None) -> str:
-    """Return a cell: numbers with a fixed count of decimals or four significant digits, lists
-    joined, None as a dash."""
+    """Return a cell: numbers with a fixed number of decimals or four significant digits, lists
+    joined, None as a dash.
+    """
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -90,7 +92,7 @@ def shown(value: object, decimals: int | None = None) -> str:
 
 
 def machine_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return the volume measured, the chain, and how it was computed."""
+    """Return the measured volume, the chain, and the method of computation."""
     volume = result.volume
     rows = [
         (words["chain"], result.chain),
@@ -130,7 +132,7 @@ def conditions_table(result: Result, readings: Readings | None, words: Mapping[s
 
 
 def _from_to(value: object) -> str:
-    """Return a least and a largest value as a range, anything else unchanged."""
+    """Return a least and a largest value as a range, any other value unchanged."""
     if (
         isinstance(value, list)
         and len(value) == 2
@@ -243,8 +245,8 @@ def even(value: float | None, expanded: float | None) -> str:
 
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the scales as measured and at 20 C, each with its U, and which are in the tables; None
-    if the result lacks it.
+    """Return the scales as measured and at 20 C, each with its U, and the scales in the tables;
+    None if the result lacks them.
     """
     found = basis_of(result)
     if found.tables is None or not found.other:
@@ -275,8 +277,8 @@ def positioning_table(
     """Return the figures along the axes and along the diagonals, a row per setup, each with its U
     where known (k = 2).
 
-    ``standards`` is the entry of the result; columns without a known value are left out. The
-    lengths behind a figure stand in its row only if they differ (`positioning_lengths`).
+    ``standards`` is the entry of the result; columns without a known value are left out. The row of
+    a figure contains its lengths only if they differ (`positioning_lengths`).
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
@@ -308,8 +310,9 @@ def _standard(name: str, words: Mapping[str, str]) -> str:
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
-    """Return of which lengths all figures along axes and diagonals are; empty where that is
-    unknown, or not the same of all."""
+    """Return the lengths of all figures along axes and diagonals; empty where unknown, or not
+    common to all.
+    """
     lengths = {
         text for found in standards.values() if found and (text := _lengths(found[0], words))
     }
@@ -376,8 +379,8 @@ HEAD_FIGURES = (
 
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the straightness that the 4-DOF head measured, a row per function, if the result has
-    it (``head_straightness``).
+    """Return the straightness measured by the 4-DOF head, a row per function, if the result has it
+    (``head_straightness``).
     """
     measured = result.head_straightness or {}
     rows = [
@@ -400,8 +403,8 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
-    """Return chi-square beside its degrees of freedom and its expected value for a valid model;
-    empty if the result lacks either.
+    """Return chi-square with its degrees of freedom and its expected value for a valid model; empty
+    if the result lacks either.
     """
     fit = result.fit
     if fit is None or fit.chi_square is None or not fit.degrees_of_freedom:
@@ -413,7 +416,9 @@ def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
 
 
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
-    """Return in words every quantity that the data do not give: functions, squarenesses, scales."""
+    """Return in words every quantity that the data do not determine: functions, squarenesses,
+    scales.
+    """
     functions = [
         f"{name}"
         for name in (*DISPLACEMENTS, *ROTATIONS)
@@ -458,17 +463,19 @@ def history_table(result: Result, words: Mapping[str, str], language: Language) 
 
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the files that the result was solved from, each with the SHA-256 of its contents; None
-    for a result that names none.
+    """Return the files from which the result was solved, each with the SHA-256 of its contents;
+    None for a result that names none.
 
-    A log packed since is the same log, and the report stays the same.
+    Packing a log does not change its hash, so the report stays the same.
     """
     rows = [(one.name, one.sha256) for one in result.sources or ()]
     return table_of((words["file"], "SHA-256"), rows)
 
 
 def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
-    """Return the largest unseen slip of the count, if the result has it (``unseen_slip``)."""
+    """Return the largest slip of the count that may stay unnoticed, if the result has it
+    (``unseen_slip``).
+    """
     rows = [
         (
             rendered(each.where, language),
@@ -516,8 +523,9 @@ def budget_table(
 
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
-    """Return a quantity of the budget in words: a function, what is left of it, a scale, a
-    squareness."""
+    """Return a quantity of the budget in words: a function, its remainder, a scale, a
+    squareness.
+    """
     if quantity in (SCALE_SUM, VOLUME):
         return words["scale_sum" if quantity == SCALE_SUM else "quantity_volume"]
     kind, _, name = (f"scale {quantity}" if quantity in AXIS_LETTERS else quantity).rpartition(" ")
@@ -525,7 +533,7 @@ def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
 
 
 def source_words(source: str, words: Mapping[str, str]) -> str:
-    """Return a source of the budget in words; a source of another version as it stands."""
+    """Return a source of the budget in words; a source of another version unchanged."""
     return words.get(f"source_{source.replace(' ', '_')}", source)
 
 

@@ -1,4 +1,4 @@
-"""The only place where a cause becomes an exit code (contract 5)."""
+"""The only place that assigns an exit code to a cause (contract 5)."""
 
 import os
 import sys
@@ -28,8 +28,7 @@ INTERRUPTED = 130
 
 @contextmanager
 def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
-    """Write a refusal to standard error, as ``written``, and leave with the exit code of its
-    cause."""
+    """Write an error to standard error, as ``written``, and exit with the code of its cause."""
     micro_shown()
     try:
         yield
@@ -45,10 +44,10 @@ def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
 
 @contextmanager
 def failed_writing_shown() -> Iterator[None]:
-    """Make a refusal of what the system does not let a command write or read: a full disk, no
-    right, a terminal without the letter.
+    """Turn a refusal of the system into an error message: a full disk, no right, a terminal without
+    the letter.
 
-    Not around the daemon: what the system refuses it for a while is no wrong usage.
+    Not used around the daemon: a temporary refusal of the system is no wrong usage there.
     """
     try:
         try:
@@ -80,6 +79,6 @@ def failed_writing_shown() -> Iterator[None]:
 
 
 def _close_output() -> None:
-    """Let go of what still waits for standard output, so that its end fails no more."""
+    """Discard the rest of the output, so that closing standard output raises no further error."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""Forecasts of the planner as tables that a person reads in a terminal."""
+"""Forecasts of the planner as tables for a terminal."""
 
 from collections.abc import Iterator
 
@@ -51,8 +51,9 @@ def _repeated(run: Run) -> Words:
 
 
 def _slips(ahead: Foresight) -> Iterator[Words]:
-    """Yield how large a slip of the laser's count may be without being noticed, and what it makes;
-    nothing without a diagonal."""
+    """Yield the size of a slip of the laser's count that may stay unnoticed, and its effect;
+    nothing without a diagonal.
+    """
     if ahead.unseen is not None:
         nearly_um = ahead.unseen.nearly_um
         yield (
@@ -64,7 +65,8 @@ def _slips(ahead: Foresight) -> Iterator[Words]:
 
 def forecast_table(forecast: Forecast) -> Table:
     """Return the expanded uncertainty of every quantity; a quantity that the survey does not
-    identify is named as such."""
+    identify is marked.
+    """
     table = empty_table(message("table-forecast"))
     rows = (
         (message("row-positioning"), ("EXX", "EYY", "EZZ"), "µm"),
@@ -108,8 +110,9 @@ def _resolved(forecast: Forecast) -> Message:
 
 
 def front_table(advice: Advice, *, verbose: bool) -> Table:
-    """Return one row a survey that is worth its time, its lines by name where ``verbose``; below it
-    the limits of control and head."""
+    """Return one row per survey that is worth its time, its lines by name if ``verbose``; below it
+    the limits of control and head.
+    """
     table = empty_table(message("table-front"))
     for each in advice.front:
         table.add_row(

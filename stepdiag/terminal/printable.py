@@ -7,22 +7,23 @@ from io import TextIOWrapper
 
 
 def printable(text: str) -> str:
-    """Return a text without what a terminal would obey instead of show; line ends stay."""
+    """Return a text without characters that control a terminal; line ends stay."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text)
 
 
 class _PlainStream(TextIOWrapper):
-    """A stream of an encoding without the sign µ, under another name: typer writes UTF-8 past a
-    stream whose encoding is ASCII."""
+    """A stream whose encoding lacks the sign µ, under another name: typer writes UTF-8 directly if
+    a stream's encoding is ASCII.
+    """
 
     encoding = "plain, um for micrometre"
 
 
 def micro_shown() -> None:
-    """Let standard output and error write ``um`` for µm where their encoding does not have the
-    sign, such as ASCII or ISO 8859-2.
+    """Let standard output and error write ``um`` for µm where their encoding lacks the sign, for
+    example ASCII or ISO 8859-2.
 
-    ASCII writes any other letter as UTF-8, which loses nothing; another encoding treats it as
+    With ASCII any other letter is written as UTF-8, without loss; another encoding treats it as
     before.
     """
     for name in ("stdout", "stderr"):

@@ -1,5 +1,6 @@
-"""Signs of life on standard error while something takes longer than a second; nothing where it is
-no terminal."""
+"""Signs of life on standard error during work of more than a second; none if it is not a
+terminal.
+"""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ def working(doing: Message) -> Iterator[None]:
 
 
 def counted(items: Iterable[Item], doing: Message, total: int) -> Iterator[Item]:
-    """Yield the items while a bar shows how many of ``total`` are done."""
+    """Yield the items while a bar shows how many of ``total`` are complete."""
     from rich.console import Console
     from rich.progress import track
 

@@ -1,5 +1,4 @@
-"""Results, effects of compensation files and findings as tables that a person reads in a
-terminal."""
+"""Results, effects of compensation files and findings as tables for a terminal."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -73,8 +72,9 @@ def _alike(before: Sequence[Finding], found: Finding) -> int:
 
 
 def function_table(result: Result) -> Table:
-    """Return one row a function: range of its shape (end-point line removed), value at its end,
-    largest uncertainty, what is known."""
+    """Return one row per function: range of its shape (end-point line removed), value at its end,
+    largest uncertainty, identified parts.
+    """
     table = empty_table(message("table-functions"))
     for name in (*DISPLACEMENTS, *(name for name in result.errors if name not in DISPLACEMENTS)):
         function = result.errors[name]
@@ -132,7 +132,7 @@ def quantity_table(result: Result) -> Table:
 
 
 def setup_table(result: Result) -> Table:
-    """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
+    """Return one row per setup: the tilt of the mirror, and the agreement of the readings."""
     table = empty_table(message("table-setups"))
     table.columns[0].no_wrap = True
     for name, facts in result.setups.items():
@@ -144,7 +144,7 @@ def setup_table(result: Result) -> Table:
 
 
 def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
-    """Yield one line a finding, the most serious first: how serious, its code, its words."""
+    """Yield one line per finding, the most serious first: its severity, its code, its words."""
     for severity, mark in MARKS.items():
         yield from (
             f"{shown(mark):<8}{printable(each.code)}: {shown(each.words)}"
@@ -175,8 +175,9 @@ def effect_table(prediction: Prediction) -> Table:
 def conclusion_lines(
     words: Mapping[str, Sequence[str]], titles: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield the conclusion, section by section under its title; ``words`` and ``titles`` go by the
-    names of the sections."""
+    """Yield the conclusion, section by section under its title; the keys of ``words`` and
+    ``titles`` are the names of the sections.
+    """
     for section, sentences in words.items():
         if sentences:
             yield titles[section]

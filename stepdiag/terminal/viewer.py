@@ -1,4 +1,4 @@
-"""The language of who reads a terminal, and what is shown there in it."""
+"""The language of a terminal's reader, and output in this language."""
 
 import os
 import re
@@ -15,10 +15,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDEST = 100
-"""Columns of the longest line: an eye that comes back from a longer one finds the wrong next
-line."""
+"""Columns of the longest line: after a longer one the eye misses the beginning of the next line."""
 WHOLE = re.compile(r"`[^`]*`|\d (?=[µ%°]|(?:mm|min|h|s)\b)")
-"""Parts that no line end divides: a command, which is copied, and a figure with its unit."""
+"""Parts that a line end must not divide: a command, which is copied, and a figure with its unit."""
 
 
 def viewers_language() -> Language:
@@ -33,7 +32,7 @@ def viewers_language() -> Language:
 
 
 def language_named(wanted: str) -> Language:
-    """Return the language of an option. Raises UsageError for one without texts."""
+    """Return the language of an option. Raises UsageError for a language without texts."""
     chosen = next((known for known in LANGUAGES if known == wanted), None)
     if chosen is None:
         raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
@@ -56,7 +55,7 @@ def wrapped(words: Words) -> str:
 
 
 def _wrapped(line: str, columns: int) -> str:
-    """Return a line of at most so many columns, but for a longer word or command."""
+    """Return a line with a largest number of columns; only a longer word or command exceeds it."""
     return textwrap.fill(
         WHOLE.sub(lambda part: part[0].replace(" ", "\0"), line),
         columns,
@@ -67,13 +66,14 @@ def _wrapped(line: str, columns: int) -> str:
 
 
 def shown(words: Words) -> str:
-    """Return a message as the terminal shows it to its reader."""
+    """Return a message in the form for the terminal."""
     return printable(rendered(words, viewers_language()))
 
 
 def empty_table(about: Message) -> "Table":
-    """Return a table without rows; ``about`` is its title and its columns with | between them, <
-    before a column of words."""
+    """Return a table without rows; ``about`` is its title and its columns, separated by |, with <
+    before a column of words.
+    """
     from rich.table import Table
 
     title, *columns = shown(about).split("|")

@@ -1,5 +1,5 @@
-"""``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a process of
-its own.
+"""``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a separate
+process.
 
 It prints a JSON line when it is ready, with the addresses of its devices, and a line for every
 event of the program. Commands come line by line on standard input: ``start`` begins the next setup,
@@ -58,7 +58,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def _listen(bench: VirtualBench, done: threading.Event) -> None:
-    """Obey standard input; its end is not an order."""
+    """Execute the commands of standard input; its end is not a command."""
     for line in sys.stdin:
         command, _, rest = line.strip().partition(" ")
         if command == "quit":

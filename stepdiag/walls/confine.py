@@ -1,11 +1,12 @@
-"""The walls of a process around itself before its first foreign client: the page, and the
-publisher.
+"""The walls that a process sets up around itself before its first foreign client: for the page, and
+for the publisher.
 
-Two walls, since neither stands alone. A filter of system calls (`stepdiag.walls.seccomp`), which
-every supported kernel has, takes what a call does: signals, limits and priorities of others, new
-sockets, new processes, writing. Landlock (landlock(7)) takes what a call reaches: which files are
-read, and from its later versions on TCP, devices, signals and abstract sockets once more. Limits on
-the process itself (setrlimit(2)) take what both leave. Every wall that a kernel refuses is named.
+There are two walls, because each leaves gaps that the other closes. A filter of system calls
+(`stepdiag.walls.seccomp`), which every supported kernel has, removes kinds of calls: signals,
+limits and priorities of other processes, new sockets, new processes, writing. Landlock
+(landlock(7)) limits the objects of a call: the files to read, and from its later versions on TCP,
+devices, signals and abstract sockets too. Limits on the process itself (setrlimit(2)) close the
+remaining gaps. Every wall that a kernel refuses is reported.
 """
 
 import ctypes
@@ -20,9 +21,11 @@ from pathlib import Path
 from stepdiag.walls.seccomp import shut_calls
 
 MOST_DESCRIPTORS = 1024
-"""Three for each admitted connection (`stepdiag.page.connections`), and spare descriptors."""
+"""Number of descriptors: three for each admitted connection (`stepdiag.page.connections`), and
+spare ones.
+"""
 MOST_MEMORY = 2**30
-"""Address space in bytes, of which most is never touched."""
+"""Largest address space in bytes, most of which is never used."""
 
 PROGRAM = Path(__file__).parents[1]
 
@@ -34,7 +37,7 @@ _READ_FILE, _READ_DIR = 1 << 2, 1 << 3
 _ALL_OF_THE_DISK = (1 << 13) - 1
 """Every right of the first version of Landlock: execute, write, read, list, remove, make."""
 _MORE_OF_THE_DISK = {2: 1 << 13, 3: 1 << 14, 5: 1 << 15}
-"""Move between folders; cut off; give orders to devices."""
+"""Later rights: move between folders; cut off; send commands to devices."""
 _BIND, _CONNECT = 1, 2
 """TCP, since version 4. Bound sockets go on."""
 _SCOPES = 0b11
@@ -42,15 +45,18 @@ _SCOPES = 0b11
 
 
 def die_with_parent() -> None:
-    """Have the kernel end this process with its parent: an orphan would hold the page's address."""
+    """Let the kernel end this process with its parent: otherwise an orphan would hold the page's
+    address.
+    """
     _call("prctl", _PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() == 1:
         os._exit(0)
 
 
 def readable_by_program(folder: Path) -> Sequence[Path]:
-    """Return what of the disk a process reads: the program, its libraries, and a survey's folder,
-    or where that will be made."""
+    """Return the paths that a process reads: the program, its libraries, and a survey's folder, or
+    its future place.
+    """
     libraries = [
         Path(place)
         for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime")
@@ -60,16 +66,17 @@ def readable_by_program(folder: Path) -> Sequence[Path]:
 
 
 def confine(readable: Iterable[Path]) -> Sequence[str]:
-    """Give up for good everything but reading below ``readable`` and what is open already; return
-    what is still open to this process."""
+    """Permanently remove all rights except reading below ``readable`` and the use of open files;
+    return the rights that could not be removed.
+    """
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
     return _walled(readable)
 
 
 def confine_publisher(readable: Iterable[Path], *, calls: int = 0) -> Sequence[str]:
-    """Give up the same, except memory and output; with a port in ``calls``, TCP to this port and
-    the look-up of host names stay.
+    """Remove the same rights, except memory and output; with a port in ``calls``, TCP to this port
+    and the look-up of host names stay.
     """
     return _walled(readable, calls)
 
@@ -98,16 +105,16 @@ OPEN = {
     "attributes of files": 99,
     "new processes": 99,
 }
-"""Possible harm to other processes, each with the version of Landlock that prevents it; 99 is
+"""Possible harm to other processes, each with the version of Landlock that prevents it; 99 means
 none.
 """
 _NETWORK = {"TCP", "abstract sockets", "UDP and other sockets"}
 _BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
-"""Harm prevented by the filter of calls; of a calling process, the network is not among it."""
+"""Harm prevented by the filter of calls; for a calling process the network is not included."""
 
 
 def _shut_in(readable: Iterable[Path], calls: int) -> int:
-    """Set up Landlock; return the version that holds, 0 for none."""
+    """Set up Landlock; return its version, 0 for none."""
     version = max(_call("syscall", _LANDLOCK_CREATE, None, 0, _CREATE_VERSION), 0)
     disk = _ALL_OF_THE_DISK | sum(
         right for since, right in _MORE_OF_THE_DISK.items() if version >= since

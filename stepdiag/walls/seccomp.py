@@ -1,8 +1,8 @@
-"""A filter of system calls that a process sets on itself, for good (seccomp(2), kernel 3.5): what
-Landlock has no right for.
+"""A filter of system calls that a process sets on itself, permanently (seccomp(2), kernel 3.5), for
+rights that Landlock does not cover.
 
-The kernel runs a small program of classic BPF before every call: it sees the number of the call,
-the architecture and the arguments as numbers, no memory behind them. The program here
+The kernel runs a small program of classic BPF before every call: the program reads the number of
+the call, the architecture and the arguments as numbers, but no memory behind them. The program here
 
     ends a call of another architecture              numbers mean something else there
     answers ENOSYS to calls newer than `_NEWEST`      nobody has judged them; the C library falls
@@ -18,8 +18,8 @@ the architecture and the arguments as numbers, no memory behind them. The progra
 One instruction is 8 bytes: code, jump if true, jump if false, constant (struct sock_filter). The
 data (struct seccomp_data) hold the number at 0, the architecture at 4, argument k at 16 + 8k, its
 lower half first on both architectures. A process without new privileges may set it; TSYNC puts it
-on all threads. A file or socket that is open already stays in use: reading, accepting and answering
-go on.
+on all threads. A file or socket that is already open stays in use: reading, accepting and answering
+continue.
 """
 
 import ctypes
@@ -157,7 +157,7 @@ _SET_FILTER, _ON_ALL_THREADS = 1, 1
 
 
 def shut_calls(*, network: bool = False) -> bool:
-    """Set the filter on every thread of this process; return whether the kernel took it. Needs
+    """Set the filter on every thread of this process; return whether the kernel accepted it. Needs
     no_new_privs (prctl(2)).
 
     With ``network`` new sockets and connections stay.

@@ -2,12 +2,12 @@
 stops and the laser's steps plausible.
 
 Theory of operation ------------------- A wrong line of the survey file spoils every stop in the
-same way. Judged stop by stop such a line gives a hundred findings, none of which names the line. So
-the standstills of a pass are judged together, before any of them is reported.
+same way. Judged stop by stop, such a line gives a hundred findings, and no finding names the line.
+So the standstills of a pass are judged together, before any of them is reported.
 
 Observations. Standstill i of a pass shows a setup code c, decoded positions p_i (mm, three axes, or
-none) and the laser's reading r_i (mm, while its count is unbroken). The laser does not pass through
-the control: its steps are an independent witness of where the machine went.
+none) and the laser's reading r_i (mm, while its count is unbroken). The laser's signal does not
+pass through the control: its steps are an independent witness of the machine's path.
 
 Hypotheses. The pass starts at the first stop of a route (setup, direction, axis order, box); stop i
 has the planned position x_i and the nominal reading n_i. A cause changes exactly one statement:
@@ -36,10 +36,11 @@ pass, two or three explained by a common line are.
 
 Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a
 right file and as every cause that changes another line, and when the laser has confirmed two of its
-steps. Of two causes that fit alike none is named; a finding states both lines and the next move
-that separates them. A pass whose steps fit the file is not judged again; after `LAST` standstills
-no pass is. One pair stays open until the pass ends: without positions a pass that begins at its
-second stop makes the steps of another order of axes. Its end decides by the number of its stops.
+steps. Of two causes with equal fit, neither is named as the cause: a finding states both lines and
+the next move that separates them. A pass whose steps fit the file is not judged again, and no pass
+is judged again after `LAST` standstills. One pair stays open until the pass ends: without positions
+a pass that begins at its second stop makes the steps of another order of axes. The number of stops
+at its end decides.
 
 Findings explained by a named cause are not raised at single stops (`EXPLAINED`). The machine's
 signals, not this module, name the stops: they are named again from the logs when the file is

@@ -49,8 +49,8 @@ EXPLAINED = HELD | {
     "count-slip",
     "beam-lost",
 }
-"""Findings not raised once a cause is named: a reading of the logs by the corrected file raises the
-remaining findings.
+"""Findings that wait after a cause is named: a reading of the logs by the corrected file raises the
+findings that remain.
 """
 
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
@@ -77,8 +77,9 @@ _NAMING = frozenset(
 
 @dataclass(slots=True)
 class CauseFinder:
-    """Follows the first standstills of a log. ``named`` are the lines that earlier logs have named:
-    then no line is."""
+    """Follows the first standstills of a log. ``named`` are the lines that earlier logs have named;
+    if there is one, no further line is named.
+    """
 
     survey: Survey
     hints: Mapping[str, PassHint]
@@ -88,13 +89,13 @@ class CauseFinder:
     found: Cause | None = None
     over: bool = False
     plain: bool = False
-    """Whether the file as it is fits the standstills."""
+    """Whether the unchanged file fits the standstills."""
     undecided: bool = False
-    """Whether two causes that fit alike were reported."""
+    """Whether two causes with equal fit were reported."""
 
     def take(self, stand: Stand, setup: str | None, expected: int) -> list[Finding]:
-        """Take the next standstill of the setup that the signals state, ``expected`` to be a
-        certain stop.
+        """Add the next standstill of the setup that the signals state; ``expected``: it is expected
+        at a certain stop.
 
         Return the cause's finding once it is sure, and what was held back where there is none.
         """
@@ -111,8 +112,9 @@ class CauseFinder:
         return self._judged(setup) if len(stands) >= FIRST else []
 
     def _judged(self, setup: str | None) -> list[Finding]:
-        """Return the conclusion from the standstills: the cause's finding, two causes that fit
-        alike, or what was held back."""
+        """Return the conclusion from the standstills: the finding of the cause, the finding of two
+        causes with equal fit, or the findings that waited.
+        """
         causes = sorted(self._scored(setup), key=lambda each: -each[0])
         if not causes:
             self.over = len(self.evidence) >= LAST
@@ -146,7 +148,7 @@ class CauseFinder:
 
     def misses_first(self, route: Route, after: Stand | None = None) -> bool:
         """Return whether the pass on a route is over without its first stop: its standstills are
-        the second stop to the last, and the standstill ``after`` them is no next stop.
+        the second to the last stop, and the standstill ``after`` them is not the next stop.
 
         Until the end another order of the axes makes the same steps.
         """
@@ -160,19 +162,17 @@ class CauseFinder:
         return self.evidence.begin(route) == 1
 
     def leave_out(self) -> None:
-        """Judge nothing more of a pass without its first stop: what was held back falls away."""
+        """Stop judging a pass without its first stop: its waiting findings are discarded."""
         self.over, self.held = True, []
 
     def leave(self) -> list[Finding]:
-        """Judge nothing more of this pass: it shows no steps of the laser, or continues a judged
-        log.
-        """
+        """Stop judging this pass: it shows no steps of the laser, or continues a judged log."""
         self.over, self.plain = True, not self.named
         return self.released()
 
     def heed(self, found: Finding) -> list[Finding]:
-        """Return a finding as far as raised now: a finding that a cause may explain waits for the
-        third standstill, or falls away.
+        """Return a finding if it may be raised now: a finding that a cause may explain waits for
+        the third standstill, or is discarded.
         """
         if (
             found.code not in EXPLAINED
@@ -189,8 +189,9 @@ class CauseFinder:
         return []
 
     def released(self) -> list[Finding]:
-        """Return what was held back: nothing explains it. Once a line is named, only a pass that
-        fits the file shows other faults."""
+        """Return the waiting findings, because no cause explains them. After a line is named, only
+        a pass that fits the file shows other faults.
+        """
         held, self.held = self.held, []
         return held if self.plain or not self.named else []
 
@@ -221,15 +222,16 @@ class CauseFinder:
 
 
 def line_named(found: Finding) -> str:
-    """Return the line of the survey file named by a finding as the cause; empty for another
+    """Return the line of the survey file that a finding names as the cause; empty for another
     finding.
     """
     return _line(found, _NAMING)
 
 
 def line_to_correct(found: Finding) -> str:
-    """Return the line of the survey file that cures what a finding is about, the stops or the air;
-    empty for another finding."""
+    """Return the line of the survey file whose correction removes the reason of a finding, the
+    stops or the air; empty for another finding.
+    """
     return _line(found, _NAMING | {"conditions-held.unit"})
 
 
@@ -246,7 +248,7 @@ def _is_alike(found: Finding) -> bool:
 
 
 def _alike(one: Cause, other: Cause, stops: int) -> Finding:
-    """Return the finding of two causes that fit alike, with the next move that separates them."""
+    """Return the finding of two causes with equal fit, with the next move that separates them."""
     first, second = (
         message("line-is", line=each.changes[0][0], value=each.changes[0][1])
         for each in (one, other)

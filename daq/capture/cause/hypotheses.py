@@ -136,8 +136,8 @@ class Library:
         return [round(float(np.median(group)), 2) for group in groups if len(group) >= CONFIRMED]
 
     def _order_causes(self, setup: str, shown: Matrix | None) -> Iterator[Cause]:
-        """Yield every other order of the axes; orders that nothing separates, because two axes make
-        the same step, as a single cause.
+        """Yield every other order of the axes; orders that no observation separates, because two
+        axes make the same step, count as a single cause.
         """
         alike: dict[bytes, tuple[list[str], Route]] = {}
         planned = self.survey.planned
@@ -162,7 +162,9 @@ class Library:
                 )
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
-        """Yield a box with another length of an axis, by the positions, else by the steps."""
+        """Yield a box with another length of an axis, computed from the positions, or else from the
+        steps.
+        """
         for axis in range(3):
             for length_mm in self._lengths_mm(axis, shown, steps, setup):
                 plan = _resized(self.survey.planned, axis, length_mm)
@@ -198,8 +200,9 @@ class Library:
         return [round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > PLACED_MM]
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
-        """Return the length of one axis at which the steps fit best, in mm: on a grid, then between
-        its neighbours. The length as stated where the steps do not depend on it."""
+        """Return the length in mm of one axis with the best fit of the steps: searched on a grid,
+        then between neighbouring points. The stated length where the steps do not depend on it.
+        """
         route, size = self._route(setup), np.array(self.survey.volume.size_mm)
         signs, stated_mm = np.array(route.travel.signs), float(size[axis])
         if not signs[axis] or len(route) <= len(steps):
@@ -319,8 +322,8 @@ class Library:
         )
 
     def _code_causes(self, setup: str | None) -> Iterator[Cause]:
-        """Yield every other setup of the plan: the machine drives it, the code states another
-        setup.
+        """Yield every other setup of the plan: the machine drives that setup, and the code states
+        another.
         """
         code = self.evidence.stands[0].signals.setup
         for name in self.hints:

@@ -51,8 +51,9 @@ class Move:
     u_s: float
 
     def fits(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of both times where the laser is so much later
-        than the signals."""
+        """Return the logarithm of the likelihood of both times, if the laser is later than the
+        signals by the given delay.
+        """
         off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
 
@@ -76,13 +77,15 @@ class Stand:
     moves: tuple[Move, ...] = ()
 
     def move(self, late_s: tuple[float, float]) -> Move | None:
-        """Return the move to this standstill where the laser is so much later than the signals;
-        None where none was seen."""
+        """Return the move to this standstill if the laser is later than the signals by the given
+        delay; None without a move.
+        """
         return max(self.moves, key=lambda move: move.fits(late_s), default=None)
 
 
 def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
-    """Return the moves of the laser about two dwells in a row: from any plateau to any later one.
+    """Return the laser's moves between two consecutive dwells: from any plateau to any later
+    plateau.
 
     The moments of the signals lie between two polls; those of the laser are the edges of its
     plateaus.
@@ -143,8 +146,9 @@ class Cause:
         return steps
 
     def parts_from(self, other: "Cause", stops: int) -> int | None:
-        """Return the first stop after so many at which another hypothesis shows another position or
-        step; None where none does."""
+        """Return the number of the first stop, after the given number, at which another hypothesis
+        shows another position or step; None without such a stop.
+        """
         count = min(len(self.route), len(other.route))
         apart = np.any(np.abs(self.shown_mm(count) - other.shown_mm(count)) > APART_MM, axis=1)
         apart[1:] |= ~_agrees(self.steps_mm(count), other.steps_mm(count))
@@ -162,8 +166,8 @@ class Evidence:
         return len(self.stands)
 
     def steps_mm(self, late_s: tuple[float, float] = ON_TIME) -> Matrix:
-        """Return the laser's steps between the standstills; for a laser late against the signals,
-        the steps of its moves at that time.
+        """Return the laser's steps between the standstills; if the laser is late against the
+        signals, the steps of its moves at that time.
         """
         readings = [
             math.nan if each.reading_mm is None else each.reading_mm for each in self.stands
@@ -259,8 +263,9 @@ class Evidence:
         return sum(move.fits(late_s) for move in moves if move is not None)
 
     def confirms(self, cause: Cause) -> bool:
-        """Return whether the laser has confirmed enough steps, or enough moves in time, and no
-        position contradicts."""
+        """Return whether the laser has confirmed enough steps, or the times of enough moves, and no
+        position contradicts them.
+        """
         shown = self.shown_mm()
         if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > APART_MM:
             return False
@@ -275,8 +280,9 @@ class Evidence:
         return self.agreeing(cause) >= CONFIRMED
 
     def begin(self, route: Route) -> int | None:
-        """Return the stop, the first or the second of the route, from which on every standstill is
-        the next stop, by position and by the laser; None where neither is."""
+        """Return the stop, the first or second of the route, from which every standstill is the
+        next stop, by position and by the laser; None without such a stop.
+        """
         steps, shown, count = self.steps_mm(), self.shown_mm(), len(self.stands)
         for begin in (0, 1):
             places, wanted = (
@@ -291,7 +297,7 @@ class Evidence:
         return None
 
     def agreeing(self, cause: Cause) -> int:
-        """Return how many steps of the laser are those of a hypothesis."""
+        """Return the number of the laser's steps that agree with a hypothesis."""
         wanted = cause.steps_mm(len(self.stands))
         return int(np.count_nonzero(_agrees(self.steps_mm(cause.late_s), wanted)))
 
@@ -309,8 +315,9 @@ def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
 
 
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
-    """Return the logarithm of the density of residuals: a normal one, or an outlier anywhere in the
-    range; NaN where unknown."""
+    """Return the logarithm of the density of residuals: normal, or an outlier anywhere in the
+    range; NaN where a residual is unknown.
+    """
     normal = np.exp(log_normal(off, scatter))
     density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)
     return density

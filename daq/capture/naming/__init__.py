@@ -1,4 +1,4 @@
-"""The one naming of the standstills of a pass.
+"""The only place that assigns the standstills of a pass to stops.
 
 Theory of operation
 -------------------
@@ -10,21 +10,21 @@ standstill by standstill (Viterbi 1967). The name of a standstill is the end of 
 margin is the logarithm of the odds of that path against the best path with another end; a small
 margin is a doubt.
 
-Moves. The step to the next stop costs nothing. Every other move is a fault with a rate: a stop that
+Moves. The step to the next stop has no cost. Every other move is a fault with a rate: a stop that
 is not seen, the same stop again, the first stop again, the last stop, where the program of the
 other direction begins, any other stop, a hold where no stop is, a step of another axis or the other
 way.
 
-Observations. Each one has a noise and a rate of failure, and is left out where the machine does not
-show it. So one chain serves machines with all registers, with the stop bit alone, and without
-signals.
+Observations. Each observation has a noise and a rate of failure, and is omitted where the machine
+does not show it. So one chain serves machines with all registers, with the stop bit alone, and
+without signals.
 
     position    the plan's position of the stop; anywhere for a standstill nowhere
     counter     the number of stops since the standstill before; a counter that was wrong once may
                 stay wrong
     laser       the reading of the same stop in the same count, else the reading of a known stop and
                 the nominal way from it. A lost count is an observation without memory: the readings
-                before it count for nothing. A reading that fits nowhere begins a new memory
+                before the loss are ignored. A reading that fits nowhere begins a new memory
     marker      a counter
     time        how long a standstill lasts: `standing` makes standstills of plateaus, `by_laser`
                 leaves out the short ones

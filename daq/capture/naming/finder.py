@@ -1,4 +1,6 @@
-"""The driven pass of the plan: its setup by the signals, its direction by the first standstill."""
+"""The driven pass of the plan: the signals give its setup, the first standstill gives its
+direction.
+"""
 
 import math
 from collections.abc import Sequence
@@ -28,7 +30,7 @@ from stepdiag.daq.survey.models import Survey
 
 
 class PassFinder:
-    """Finds the pass of a log with its first dwell. ``turn`` is the last stop of the pass before, a
+    """Finds the pass of a log at its first dwell. ``turn`` is the last stop of the pass before, a
     possible first stop of this pass.
     """
 
@@ -44,7 +46,8 @@ class PassFinder:
     def follow(
         self, signals: Signals, reading_mm: float | None = None
     ) -> Walk | Finding | Ended | None:
-        """Return the walk of the driven pass; a finding for another pass, None after this finding.
+        """Return the walk of the driven pass, or a finding if another pass is driven; None after
+        this finding.
 
         ``reading_mm`` is the laser's present reading, None if its count does not reach back to the
         stops of the log before.
@@ -79,8 +82,8 @@ class PassFinder:
         return next((name for name in named if hints[name].wanted), named[0] if named else None)
 
     def _meant(self, code: int) -> list[str]:
-        """Return the setups that a number may mean: a place in the plan, else any wanted or driven
-        setup.
+        """Return the setups that a number may mean: a place in the plan, or else any wanted or
+        driven setup.
         """
         if code not in self._setups:
             self._setups[code] = setups_meant(
@@ -145,7 +148,7 @@ class PassFinder:
         return Walk(route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known)
 
     def _gone_by(self, signals: Signals) -> int | None:
-        """Return how many stops the machine has come to since the last one in the log before; None
+        """Return the number of stops since the last stop of the previous log, by the counter; None
         without a counter.
         """
         if signals.stop_count is None or self._start.last_count is None:
@@ -156,15 +159,16 @@ class PassFinder:
     def _place(
         self, forward: Route, hint: PassHint, signals: Signals, reading_mm: float | None
     ) -> int | None:
-        """Return the stop of the outward route at which the machine stands, by its position, else
-        by the laser; None if unknown."""
+        """Return the stop of the outward route at which the machine stands, by its position, or
+        else by the laser; None if unknown.
+        """
         if signals.commanded_mm is not None:
             return forward.find(signals.commanded_mm, 0)
         return stop_reading(forward, hint.known, reading_mm)
 
 
 def _turned(hint: PassHint) -> PassHint:
-    """Return where a setup stands that has begun its pass in the other direction."""
+    """Return the place at which a setup stands that has begun its pass in the other direction."""
     anew = {} if hint.next_stop == 0 else {"next_stop": 0, "last_reading_mm": None, "turn": None}
     return msgspec.structs.replace(hint, outward=not hint.outward, **anew)
 
@@ -175,8 +179,8 @@ def _turned_odds(
     """Return the logarithm of the odds that a setup seen at a stop of the outward route has begun
     its pass in the other direction, against the pass that goes on.
 
-    The program drove on past the end and on its way back, however many stops were seen, or was
-    begun anew at the other end. Stops that the counter shows are no coincidence.
+    The program continued past the end onto its way back, whatever number of stops was missed, or
+    was restarted at the other end. Stops that the counter shows are no coincidence.
     """
     along = there if hint.outward else count - 1 - there
     back, left = count - 1 - along, count - hint.next_stop
@@ -195,8 +199,9 @@ def _turned_odds(
 
 
 def _unseen(stops: int, counts: int | None, gone_by: int | None, *, twice: bool = True) -> float:
-    """Return the cost of stops that were not seen. The counter shows so many ``counts``, or one
-    more where a program stands ``twice`` at the turn; None for no certain number."""
+    """Return the cost of missed stops. The counter shows ``counts`` stops, or one more where a
+    program stands ``twice`` at the turn; None for an uncertain number.
+    """
     if gone_by is not None and counts is not None and gone_by - counts in (0, int(twice)):
         return FAULT if stops else 0.0
     return (FAULT + AGAIN * stops if stops else 0.0) + (
@@ -205,7 +210,7 @@ def _unseen(stops: int, counts: int | None, gone_by: int | None, *, twice: bool 
 
 
 def _begun_anew(route: Route, readings: Sequence[float]) -> bool:
-    """Return whether two readings or more make the steps of a route from its first stop on."""
+    """Return whether two or more readings agree with the steps of a route from its first stop."""
     if not 1 < len(readings) <= len(route):
         return False
     return all(

@@ -1,8 +1,8 @@
 """The stops of a pass, the laser's readings between them, and the machine's place by the laser's
 unbroken count.
 
-While the count is unbroken every stop has its reading. The readings separate a repeated pass from a
-continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
+While the count is unbroken, every stop has its own reading. The readings separate a repeated pass
+from a continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
 """
 
 from dataclasses import dataclass
@@ -55,8 +55,7 @@ class Route:
         return x_mm, y_mm, z_mm
 
     def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
-        """Return the nominal reading at any position, relative to that of the first planned
-        stop."""
+        """Return the nominal reading at any position, relative to the first planned stop."""
         travel = self.stops_mm[-1] - self.stops_mm[0]
         along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm.sum())
         return float((np.asarray(position_mm) - self.stops_mm[0]) @ along)
@@ -66,12 +65,13 @@ class Route:
         return float(self.nominal_mm[to_stop] - self.nominal_mm[from_stop])
 
     def backward_mm(self, from_stop: int, to_stop: int) -> float:
-        """Return the nominal change of the reading where the pass is driven from its other end."""
+        """Return the nominal change of the reading if the pass is driven from its other end."""
         return self.step_mm(len(self) - 1 - from_stop, len(self) - 1 - to_stop)
 
     def find(self, position_mm: tuple[float, float, float], expected: int) -> int | None:
-        """Return the stop at a commanded or actual position, the one nearest to the expected stop;
-        None where no stop is there."""
+        """Return the stop at a commanded or actual position, nearest to the expected stop; None
+        without a stop there.
+        """
         places = np.flatnonzero(self.beside(position_mm))
         return int(places[np.argmin(np.abs(places - expected))]) if len(places) else None
 
@@ -93,7 +93,7 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
     """Return the route of a pass of a setup of a plan, not to be written to. The return pass visits
     the stops of the outward one in reverse.
 
-    Kept, because page and status ask for the routes of all setups ten times a second.
+    Cached, because page and status need the routes of all setups ten times a second.
     """
     run = plan.run_of(setup)
     stops = run_stops_mm(plan, run, number)
@@ -115,7 +115,7 @@ def judge_step(
 ) -> Message | None:
     """Return the fault of a measured step; None where it agrees.
 
-    ``absolute_mm`` is the reading itself: a laser that was zeroed reads next to nothing.
+    ``absolute_mm`` is the reading itself: after zeroing, a laser reads nearly zero.
     """
     nominal = route.step_mm(from_stop, to_stop)
     if agrees(measured_mm, nominal):
@@ -140,7 +140,9 @@ def judge_step(
 
 
 def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> Message | None:
-    """Return the fault of a step of the right size the wrong way; None where it is none."""
+    """Return the fault of a step with the right size in the wrong direction; None without such a
+    fault.
+    """
     nominal = route.step_mm(from_stop, to_stop)
     turned, from_the_end = (
         agrees(measured_mm, -route.step_mm(from_stop, to_stop)),

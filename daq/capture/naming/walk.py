@@ -1,4 +1,4 @@
-"""The most probable path of a pass over its standstills, and whether the laser agrees."""
+"""The most probable path of a pass over its standstills, and its comparison with the laser."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -16,26 +16,31 @@ from stepdiag.daq.capture.standing.window import SIGMAS
 from stepdiag.daq.formats.signals import Signals
 
 FAULT, HOLD, FAILURE, RARE = 5.0, 6.0, 8.0, 10.0
-"""Costs, logarithms of odds, of one in 150, 400, 3,000 and 20,000 standstills: a stop that is not
-seen and a program begun anew; a hold; an observation that fails; a program that goes elsewhere."""
+"""Costs as logarithms of odds: one standstill in 150 is a missed stop or a restarted program, one
+in 400 a hold, one in 3,000 a failed observation, one in 20,000 a step that the program does not
+plan.
+"""
 BEGIN = 14.0
-"""The cost of a log that does not begin with the first stop of a pass: three stops that agree show
-it."""
+"""The cost of a log that does not begin with the first stop of a pass; three stops that agree
+outweigh it.
+"""
 AGAIN, ORDINARY, COUNTED_NOWHERE = 0.3, 1.0, 2.0
-"""Small costs: of a failure that went before; of a program begun anew after the beam was cut, and
-of a standstill before the first stop of a machine without signals; of a stop that is counted where
-no stop of the pass is."""
+"""Small costs: of a failure that repeats; of a program restarted after the beam was cut; of a
+standstill before the first stop of a machine without signals; of a counted stop at no stop of the
+pass.
+"""
 SURE = 2.0
 """A name is sure if its path is more probable than every other name's by so much."""
 SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
 """Noise: of a count that slipped; of a reading with no memory; of a step, as a share of it."""
 KEPT, WITHIN = 12, 25.0
-"""Paths that are followed, and by how much the least probable of them may be behind."""
+"""Number of paths that are followed, and the largest lag of the least probable path."""
 COUNTER_TRUSTED = 1000
-"""A stop counter that went on by more than this was set back: the PLC has started again."""
+"""A stop counter that increased by more than this was reset: the PLC has restarted."""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
-"""A step of the wrong size that nothing explains is a lost count: what follows is right again,
-relative to itself."""
+"""A step of the wrong size without an explanation is a lost count: the readings after it are right
+again, relative to each other.
+"""
 BEGUN_ANEW = message("begun-anew")
 Costs = NDArray[np.float64]
 Names = tuple[int | None, ...]
@@ -69,9 +74,9 @@ class Path:
     """A path up to a standstill: its logarithm of probability, its pass as a place in the chain's
     routes, and its last stop, -1 before the first.
 
-    ``nowhere``: the machine stands at no stop; ``astray``: it came to the stop by a step that is
-    not the plan's. ``known`` are the readings of stops in the laser's present count, ``left_mm`` is
-    the last reading, ``names`` are the stops of the standstills since the count began.
+    ``nowhere``: the machine stands at no stop; ``astray``: the step to the stop is not a step of
+    the plan. ``known`` are the readings of stops in the laser's present count, ``left_mm`` is the
+    last reading, ``names`` are the stops of all standstills of this count.
     """
 
     score: float = 0.0
@@ -92,11 +97,11 @@ class Path:
 
 
 class Chain:
-    """Follows a pass on one of some routes. ``margin`` is the margin of the last name.
+    """Follows a pass on one of several routes. ``margin`` is the margin of the last name.
 
     ``signalled``: the machine signals its stops. A machine without signals stands anywhere before
-    its first stop, so that each reading with no memory is a coincidence, and a step that is not the
-    plan's leads to no stop.
+    its first stop. So each reading without memory is a coincidence, and a step outside the plan
+    leads to no stop.
     """
 
     def __init__(self, routes: tuple[Route, ...], *begins: Path, signalled: bool = True) -> None:
@@ -114,7 +119,7 @@ class Chain:
         return self._paths[0]
 
     def take(self, look: Look) -> Path:
-        """Take a standstill; return the most probable path to it."""
+        """Add a standstill; return the most probable path to it."""
         best: dict[tuple[int, int, bool, bool], Path] = {}
         for path in self._paths:
             for on in self._following(path, look):
@@ -129,8 +134,9 @@ class Chain:
         return first
 
     def _following(self, path: Path, look: Look) -> Iterator[Path]:
-        """Yield the paths that go on from a path: to the probable stops, to the next stop by a step
-        that is not the plan's, and to nowhere."""
+        """Yield the extensions of a path: to the probable stops, to the next stop by a step outside
+        the plan, and to no stop.
+        """
         route = self._routes[path.way]
         if look.lost:
             path = replace(path, known={}, left_mm=None, names=())
@@ -162,8 +168,9 @@ class Chain:
             yield from self._astray(path, look, counted)
 
     def _astray(self, path: Path, look: Look, counted: Costs) -> Iterator[Path]:
-        """Yield the path to the next stop by the step of another axis, or by a step the other way.
-        A program that goes astray once goes astray all along."""
+        """Yield the path to the next stop by the step of another axis, or by a step in the wrong
+        direction. A program that leaves the plan once is outside the plan all along.
+        """
         stop, steps_mm = path.stop + 1, self._steps_mm[path.way]
         if look.reading_mm is None or path.left_mm is None or not 0 < stop < len(counted):
             return
@@ -175,7 +182,7 @@ class Chain:
 
 
 def _at(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
-    """Return the path that goes on from a path to a stop."""
+    """Return the extension of a path to a stop."""
     return replace(
         path,
         score=score,
@@ -217,7 +224,9 @@ def _counted(path: Path, look: Look, stops: int) -> tuple[Costs, float]:
 
 
 def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | None:
-    """Return the stop with a reading, by the known readings of stops; None if two are alike."""
+    """Return the stop with a given reading, by the known readings of stops; None if two stops have
+    equal readings.
+    """
     if reading_mm is None or not known:
         return None
     read, fits = _read(known, -1, route, reading_mm)
@@ -271,11 +280,14 @@ class Walk:
         )
         self.chain = Chain((route,), begin)
         self.apart: Message | None = None
-        """Reason why the count of the stops before differs from that of the first stop, without an
-        event of the laser."""
+        """Reason why the count of the earlier stops differs from the count at the first stop,
+        without an event of the laser.
+        """
         self._stuck_reported = False
         self.unsure: Message | None = None
-        """Reason why the name of the stop is not sure; None if the next best path is far behind."""
+        """Reason why the name of the stop is uncertain; None if the next best path is much less
+        probable.
+        """
         self.expected = expected
         self.last: CapturedStop | None = None
         self._last_stop = expected - 1
@@ -293,22 +305,23 @@ class Walk:
         return "out" if self.route.outward else "back"
 
     def at(self, what: Message) -> Message:
-        """Return a message with the pass before it."""
+        """Return a message that begins with the name of the pass."""
         return message("in-run", run=run(self.route.setup, self.way), what=what)
 
     @property
     def started(self) -> bool:
-        """Return whether a stop of the pass has a reading: before that the beam is blocked and the
-        mirror aligned as a matter of course."""
+        """Return whether a stop of the pass has a reading: before the first reading the beam is
+        blocked and the mirror is aligned as a matter of course.
+        """
         return self._last_reading_mm is not None
 
     @property
     def ended(self) -> bool:
-        """Return whether the last stop of the route has gone by."""
+        """Return whether the last stop of the route is past."""
         return self.expected >= len(self.route)
 
     def is_bounce(self, signals: Signals) -> bool:
-        """Return whether a dwell is the one already captured: the same count at the same place."""
+        """Return whether a dwell is the captured one: the same count at the same place."""
         if (
             signals.stop_count is None
             or signals.stop_count != self._last_count
@@ -329,7 +342,7 @@ class Walk:
         lost: bool,
     ) -> tuple[int | None, Names, list[Finding]]:
         """Return the stop of a standstill (None for no stop), the names of all standstills of this
-        count, and the oddities.
+        count, and the findings.
 
         ``reading_mm`` is the laser's reading, None without a reading; ``after_mm`` is the reading
         at the end of the standstill if the count was lost within it;
@@ -372,7 +385,7 @@ class Walk:
         return self.finding("error", self.expected, words)
 
     def _again(self, stop: int, position_mm: Position) -> Finding:
-        """Return the finding of a stop that is measured once more."""
+        """Return the finding of a stop that is measured again."""
         if position_mm is None:
             return self.finding("info", stop, message("stop-again.by-laser"))
         words = message("stop-again.by-position", at=_place(position_mm))
@@ -390,31 +403,31 @@ class Walk:
         return self.finding("warning", stop, words)
 
     def begin_anew(self, stop: int) -> Finding:
-        """Go back to before a stop: its name and the names that follow have changed. Return the
-        finding."""
+        """Go back to the state before a stop: its name and the names after it have changed. Return
+        the finding.
+        """
         self.expected, self._last_stop = stop, stop - 1
         self.last = self._last_reading_mm = self.unsure = None
         return self.begun_anew(stop)
 
     def begun_anew(self, stop: int) -> Finding:
-        """Return the finding of a pass that was begun anew at a stop."""
+        """Return the finding of a pass that was restarted at a stop."""
         return self.finding("info", stop, message("stop-again.begun-anew"))
 
     def counts_on(self, signals: Signals) -> bool:
-        """Return whether the counter agrees with the next stop, if it can."""
+        """Return whether the counter agrees with the next stop; true without a counter."""
         return self._steps(signals.stop_count) in (None, 1)
 
     def _steps(self, count: int | None) -> int | None:
-        """Return by how many stops the counter went on since the last stop; None without
-        evidence.
-        """
+        """Return the increase of the counter since the last stop; None without evidence."""
         if count is None or self._last_count is None or self.expected == 0:
             return None
         return count_steps(self._last_count, count)
 
     def judge(self, index: int, reading_mm: float) -> Message | None:
-        """Return the fault of a reading at a stop, judged by the step from the stop before; None
-        where all is well."""
+        """Return the fault of a reading at a stop, judged by the step from the previous stop; None
+        without a fault.
+        """
         if self._last_reading_mm is None or index == self._last_stop:
             return None
         return judge_step(
@@ -422,8 +435,8 @@ class Walk:
         )
 
     def expected_reading_mm(self, index: int) -> float | None:
-        """Return the reading expected by the geometry at a stop, from the stop before; None before
-        the first.
+        """Return the reading that the geometry predicts at a stop from the previous stop; None
+        before the first stop.
         """
         if self._last_reading_mm is None or self._last_stop < 0:
             return None
@@ -451,7 +464,7 @@ class Walk:
         )
 
     def _stuck(self, count: int) -> list[Finding]:
-        """Return, once a pass, the finding of a stop without a new count."""
+        """Return the finding of a stop without a new count, once a pass."""
         reported, self._stuck_reported = self._stuck_reported, True
         return (
             []

@@ -1,7 +1,7 @@
 """Remarks of machine and streams beside the stops: heartbeat, alarms, rejected conditions, troubles
 of a line.
 
-Alarms and conditions go to their stop.
+Alarms and conditions are assigned to their stop.
 """
 
 import re
@@ -22,24 +22,27 @@ from stepdiag.daq.timing.samples import Notice
 from stepdiag.daq.timing.stream import StreamBuffer
 
 STILL_NS = 1_500_000_000
-"""The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed
-for by half as much again."""
+"""The heartbeat changes at least once a second (contract 2); half a second more allows for polls
+and a slow gateway.
+"""
 
 
 class Pulse:
-    """Follows the heartbeat of a log. ``still``: it has stood for too long; a machine without a
-    heartbeat is trusted.
+    """Follows the heartbeat of a log. ``still``: the heartbeat has not changed for too long. A
+    machine without a heartbeat is trusted.
     """
 
     def __init__(self) -> None:
         self.still = False
         self.beat_ns = 0
-        """The request of the last poll with a changed heartbeat: its values were of that moment."""
+        """The request time of the last poll with a changed heartbeat: the values of the poll are
+        from that moment.
+        """
         self._value: int | None = None
         self._heard_ns = 0
 
     def take(self, signals: Signals, block: ModbusBlock) -> bool:
-        """Take a poll; return whether the heartbeat has just been found to stand still."""
+        """Process a poll; return whether the heartbeat stands still since this poll."""
         if signals.heartbeat is None or signals.heartbeat != self._value:
             self._value, self.beat_ns, self._heard_ns = (
                 signals.heartbeat,
@@ -52,12 +55,12 @@ class Pulse:
         return self.still and not before
 
     def for_s(self, now_ns: int) -> float:
-        """Return for how long it has stood."""
+        """Return for how long the heartbeat has stood still."""
         return (now_ns - self._heard_ns) * 1e-9
 
 
 class Alarm:
-    """Follows the machine's alarm within a pass: each alarm is named with its time, and the stop
+    """Follows the machine's alarm within a pass: each alarm is reported with its time, and the stop
     after it is doubted.
     """
 
@@ -69,8 +72,8 @@ class Alarm:
     def look(
         self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool
     ) -> Iterator[Finding]:
-        """Look at a poll; yield an alarm that has just come. ``waiting``: a standstill is over and
-        not yet taken as a stop.
+        """Process a poll; yield a new alarm. ``waiting``: a standstill is over and not captured as
+        a stop yet.
         """
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
@@ -81,7 +84,7 @@ class Alarm:
             yield walk.finding("warning", min(walk.expected + waiting, last), words)
 
     def doubts(self, stop: CapturedStop) -> list[Message]:
-        """Return the doubts of a stop: an alarm before it was over, and concerns no other stop."""
+        """Return the doubts of a stop: an alarm before its end that concerns no other stop."""
         doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
         self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
         return doubts
@@ -90,8 +93,9 @@ class Alarm:
 def remarked(
     walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm
 ) -> Iterator[Outcome]:
-    """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its
-    stops."""
+    """Yield the outcomes of a dwell, with the remarks on the conditions and on the machine at its
+    stops.
+    """
     stops = [each for each in taken if isinstance(each, CapturedStop)]
     doubted = judged.doubted if judged.doubted and not walk.route.travel.is_fourdof else []
     for words in (*judged.remarks, *doubted):
@@ -112,7 +116,7 @@ def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message
 
 
 def credible_of(stop: CapturedStop) -> dict[str, Credible]:
-    """Return the conditions of a stop that were believed."""
+    """Return the accepted conditions of a stop."""
     values = {name: getattr(stop, name) for name in COURSES if name not in stop.held}
     return {
         name: Credible(value=value, time_s=stop.time_s)
@@ -123,7 +127,7 @@ def credible_of(stop: CapturedStop) -> dict[str, Credible]:
 
 _FIGURES = re.compile(r"\d+")
 LISTEN_NS = 1_000_000_000
-"""Period in ns of the question for the streams' remarks."""
+"""Period in ns of the query for the streams' remarks."""
 STREAMS: dict[Link, Message] = {
     "laser": message("stream-laser"),
     "head": message("stream-head"),
@@ -170,8 +174,8 @@ class StreamRemarks:
                 self._say(stream, notice, outcomes)
 
     def lost(self, link: Link, causes: Sequence[Words], outcomes: list[Outcome]) -> None:
-        """Report the places of bytes lost on the way, each cause once a log: the link counts them
-        itself.
+        """Report the places of bytes lost on the link, each cause once a log: the link counts the
+        bytes itself.
         """
         for cause in causes:
             kind = (

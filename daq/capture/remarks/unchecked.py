@@ -1,5 +1,6 @@
-"""Signals that the machine does not have, and what is therefore not checked: reported before,
-during and after a survey."""
+"""Signals that the machine does not send, and the checks that are therefore missing: reported
+before, during and after a survey.
+"""
 
 from collections.abc import Collection, Iterator
 
@@ -29,7 +30,7 @@ WITHOUT = {
     "x_mm": message("without-position"),
     **{name: message("without-condition", name=words) for name, words in CONDITIONS.items()},
 }
-"""Checks that are lost, or replaced by another source, without a signal (contract 2)."""
+"""Checks that are missing without a signal, or use another source (contract 2)."""
 
 
 def places_known(survey: Survey) -> bool:
@@ -38,8 +39,8 @@ def places_known(survey: Survey) -> bool:
 
 
 def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
-    """Return what cannot be checked because the survey file maps no signal for it; nothing where
-    every signal is mapped.
+    """Return the checks that are impossible because the survey file maps no signal for them; none
+    where every signal is mapped.
 
     ``without`` are conditions reported elsewhere.
     """

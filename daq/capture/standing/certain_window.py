@@ -1,9 +1,9 @@
-"""The certain part of a dwell: cut where the count was lost, without what is not yet steady; and
-from which side the machine came to it.
+"""The certain part of a dwell: cut where the count was lost, without unsteady samples; and the side
+from which the machine came.
 
-A machine that reverses at a stop arrives there once. Its reading there holds for both passes, with
-the backlash of the way there; and on the way back every axis keeps the side of the way there until
-it moves.
+A machine that reverses at a stop arrives there once. Its reading there belongs to both passes, with
+the backlash of the way out. On the way back every axis keeps the side of the way out until it
+moves.
 """
 
 import math
@@ -31,7 +31,7 @@ from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
 LOOK_BACK_NS = 5_000_000_000
 AWAY_MM = 0.2
-"""Distance in mm beyond which a machine is on its way: no machine swings so far, and no drive
+"""Distance in mm beyond which a machine is moving: no machine swings so far, and no drive
 overshoots by it.
 """
 AWAY_SHARE = 0.25
@@ -64,8 +64,8 @@ class Taken:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a dwell whose readings share a zero: taken in it and received before the loss at
-    its end.
+    """A part of a dwell whose readings share a zero: they were measured in this part and received
+    before the loss at its end.
     """
 
     from_ns: float
@@ -81,8 +81,8 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
     """Return a dwell cut at certain or possible losses of the count; at least one part, each ending
     with its last sample.
 
-    The arrival of the first chunk after a loss is its time. Samples from after the loss may be in
-    this chunk with times before the dwell's end: they belong to no part.
+    The time of a loss is the arrival of the first chunk after it. Samples from after the loss may
+    be in this chunk with times before the dwell's end: they belong to no part.
     """
     latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
     cuts = sorted(
@@ -103,9 +103,10 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
 def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Taken]:
     """Return the means over the certain part of a dwell.
 
-    A single part is the rule. After a loss of the count in the dwell there may be a part before and
-    a part after: the machine stood all the while, so their difference is the error of the count.
-    Before a loss only a window without any doubt counts, unless there is no other.
+    A single part is the rule. A loss of the count within the dwell can leave a part before and a
+    part after it: the machine stood throughout, so their difference is the error of the count. Of
+    the parts before a loss, only a window without any doubt is used, unless there is no other
+    window.
     """
     *before, last = unbroken_parts(stream, dwell)
     earlier = [
@@ -119,9 +120,9 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
     """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
 
-    The first ``settle_s`` are left out. If the rest is not yet steady, later parts of it are tried
-    while they are long enough. A step in the rest, or a value that is frozen, makes the stop
-    doubtful whichever part is taken.
+    The first ``settle_s`` are left out. If the rest is not yet steady, later and shorter parts of
+    it are tried, while they are long enough. A step in the rest, or a frozen value, makes the stop
+    doubtful, whichever part is used.
     """
     start = part.from_ns + rules.settle_s * 1e9
     span = part.span(stream, start)
@@ -136,7 +137,9 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
 
 
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
-    """Return the longest steady end of a part of a dwell; all of it where none is long enough."""
+    """Return the longest steady end of a part of a dwell; the whole part where no end is long
+    enough.
+    """
     length = part.to_ns - whole.from_ns
     for left_out in (0.0, 0.25, 0.5, 0.75):
         begin = whole.from_ns + left_out * length
@@ -155,8 +158,9 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
 def take(
     span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float
 ) -> Taken | None:
-    """Return the statistics of a span of readings, its bounds, and why it is not steady; None where
-    it holds too few samples."""
+    """Return the statistics of a span of readings, its bounds, and the reason why it is not steady;
+    None where the span has too few samples.
+    """
     if len(span.time_ns) < LEAST_SAMPLES:
         return None
     least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
@@ -232,16 +236,16 @@ class PassNoise:
 
 def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -> bool | None:
     """Return whether the machine came to a standstill from the beginning of a step of the pass, not
-    from beyond.
+    from beyond the stop.
 
     A stop there and a stop back at the same place differ by the reversal value. Position registers
-    give the place alone; a counter that follows its stops gives the direction as well; without a
+    alone give the place. A counter that follows the stops gives the direction as well; without a
     counter, a stop of the way back looks like a stop of the way out. The laser has measured the
     arrival.
 
     The standstill begins at ``begin_ns`` with the reading ``taken``; ``step_mm`` is the expected
-    reading of the step. None if unseen: too short a step, no samples, a count that may have been
-    lost on the way.
+    reading of the step. None if the approach was not observed: the step is too short, there are no
+    samples, or the count may have been lost on the way.
     """
     away_mm = min(AWAY_MM, AWAY_SHARE * abs(step_mm))
     if away_mm < STILL_MM:
@@ -261,13 +265,15 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
 
 
 CLOSE_NS = 30_000_000
-"""Samples further apart may miss an overrun: 2 mm and back take a quick machine a tenth of a
-second."""
+"""Samples with a larger distance in time may miss an overrun: 2 mm out and back take a quick
+machine a tenth of a second.
+"""
 
 
 def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
-    """Return whether nothing of a move can have escaped the laser since the last stop of a pass was
-    taken, as far as it is in this log."""
+    """Return whether the laser has observed every move since the last stop of a pass was captured,
+    within this log.
+    """
     times_ns = laser.span(last.window_to_ns, until_ns).time_ns
     return bool(np.all(np.diff(times_ns) <= CLOSE_NS))
 
@@ -275,8 +281,8 @@ def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) ->
 def last_beyond_ns(
     laser: StreamBuffer, last: CapturedStop, towards: float, until_ns: float
 ) -> float | None:
-    """Return when the machine was last seen beyond the last stop of a pass since it was taken; None
-    where it was not.
+    """Return the last time at which the machine was beyond the last stop of a pass since its
+    capture; None if it never was.
 
     ``towards`` has the sign of the reading's change on the way to that stop.
     """

@@ -1,8 +1,8 @@
-"""From polls to dwells: the machine's standstill by Modbus alone.
+"""From polls to dwells: the machine's standstill by Modbus only.
 
-The machine may already be moving again at the answer to a standing poll, and it may have stood
-since just after the poll before. Certain is only the time between the answer to the first standing
-poll and the request of the last.
+At the answer to a standing poll the machine may already be moving again, and it may have stood
+since just after the previous poll. Only the time between the answer to the first standing poll and
+the request of the last is certain.
 
     observation   no dwell open   a dwell open
     moving                        close
@@ -13,8 +13,8 @@ poll and the request of the last.
 A poll without an answer changes nothing: the next answer decides.
 
 Registers may lag behind the stop signal by some polls, and show the stop before or a place on the
-way; a stop signal may flicker. Both cut one standstill into several dwells. The laser decides
-whether the machine moved in between (`Standstills`).
+way; a stop signal may flicker. Both effects cut one standstill into several dwells. The laser
+decides whether the machine moved in between (`Standstills`).
 """
 
 from collections import Counter
@@ -66,7 +66,9 @@ class Dwell:
 
 
 class DwellTracker:
-    """Follows the polls of one log. Returns dwells as they close; the open one can be looked at."""
+    """Follows the polls of one log. Returns the dwells as they close; the open dwell can be read at
+    any time.
+    """
 
     def __init__(self) -> None:
         self.open: Dwell | None = None
@@ -75,7 +77,7 @@ class DwellTracker:
         self._held_ns: Counter[Place] = Counter()
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
-        """Take a poll; return the dwell closed by it, if any."""
+        """Process a poll; return the dwell that it closes, if any."""
         observation, closed = self._observe(signals), None
         if observation != "same":
             closed, self._last, self.open = self.open, self.open or self._last, None
@@ -94,8 +96,8 @@ class DwellTracker:
         return closed
 
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
-        """Return the open dwell with the signals whose position was read longest: the register may
-        still be running in.
+        """Return the open dwell with the signals whose position was read for the longest time: the
+        register may still be settling.
 
         Not most often: a poller that is held up asks seldom, and may have asked often while the
         register ran in. The median in time where the register flickers, as actual positions do.
@@ -114,8 +116,9 @@ class DwellTracker:
         )
 
     def _place(self, before: Place) -> Place:
-        """Return the place read longest, before another one read as long; the median where none was
-        read for half of the time."""
+        """Return the position that was read for the longest time, the first of equals; the median
+        where no position was read for half of the time.
+        """
         longest = max(self._held_ns, key=lambda place: (self._held_ns[place], place == before))
         flickers = None not in self._held_ns and 2 * self._held_ns[longest] < self._held_ns.total()
         return _median_place(self._held_ns) if flickers else longest
@@ -137,8 +140,9 @@ class DwellTracker:
 
 
 def _median_place(held_ns: Mapping[Place, int]) -> Place:
-    """Return by axis the position of which as much time was read below as above; each of them was
-    read."""
+    """Return for each axis the position at which as much time lies below as above; each position
+    was read.
+    """
     places = np.array([place for place in held_ns if place is not None])
     weight = np.array([ns for place, ns in held_ns.items() if place is not None], dtype=np.float64)
     order = np.argsort(places, axis=0)
@@ -149,8 +153,8 @@ def _median_place(held_ns: Mapping[Place, int]) -> Place:
 
 
 def same_stop(one: Signals, other: Signals) -> bool:
-    """Return whether two polls saw the same stop, by counter and commanded position; without both,
-    any standstill is the same.
+    """Return whether two polls belong to the same stop, by counter and commanded position; without
+    both, every standstill counts as the same stop.
     """
     if one.stop_count != other.stop_count:
         return False
@@ -163,17 +167,17 @@ def same_stop(one: Signals, other: Signals) -> bool:
 
 
 def count_steps(before: int, after: int) -> int:
-    """Return by how many stops a counter went on, over its wrap: 1 is the next stop, 0 the same,
-    more than half the range is backwards."""
+    """Return the increase of a counter, over its wrap: 1 is the next stop, 0 the same stop, and
+    more than half the range is a decrease.
+    """
     return (after - before) % COUNT_MODULUS
 
 
 STRAYS = 0.1
-"""So large a share of the samples between two dwells may be wrong, and the machine stood all the
-same."""
+"""Up to this share of the samples between two dwells may be wrong while the machine stands."""
 MOST = 0.5
-"""Share of the first dwell's samples that decides without a seen move between two dwells; its very
-first samples may still be of the move.
+"""Share of the first dwell's samples that decides when no move was observed between two dwells; its
+very first samples may still belong to the move.
 """
 RECENT, RECENT_NS = 9, 50_000_000
 """The end of one dwell and the beginning of the next are compared, and all between them. The newest
@@ -194,7 +198,7 @@ class _Waiting:
 
 
 class Standstills:
-    """The closed dwells that wait to be taken, in order; dwells of the same standstill are
+    """The closed dwells that wait for capture, in order; dwells of the same standstill are
     joined.
     """
 
@@ -206,16 +210,16 @@ class Standstills:
         return bool(self._waiting)
 
     def add(self, dwell: Dwell) -> None:
-        """Take a dwell that was closed."""
+        """Add a closed dwell."""
         self._waiting.append(_alone(dwell))
 
     def first(self) -> Dwell:
-        """Return the dwell that waits longest."""
+        """Return the dwell that has waited longest."""
         return self._waiting[0].dwell
 
     def settled(self, now_ns: int, going_on: Dwell | None, placing: Placing | None) -> bool:
-        """Return whether the first standstill is over: another one has begun, or the machine has
-        moved for a while.
+        """Return whether the first standstill is over: another standstill has begun, or the machine
+        has moved for a while.
 
         ``placing`` is None without a stream that shows the machine's motion: a 4-DOF head does not
         see its travel.
@@ -239,8 +243,8 @@ class Standstills:
         return self._taken.dwell
 
     def goes_on(self, going_on: Dwell, placing: Placing | None) -> bool:
-        """Return whether a dwell is the standstill taken last once more: the stop signal fell and
-        rose, the machine did not move.
+        """Return whether a dwell repeats the standstill captured last: the stop signal fell and
+        rose, but the machine did not move.
 
         Without samples, counter and position decide.
         """
@@ -257,23 +261,23 @@ class Standstills:
         )
 
     def are(self, going_on: Dwell, placing: Placing | None) -> bool:
-        """Return whether all waiting dwells are earlier parts of the dwell that goes on."""
+        """Return whether all waiting dwells are earlier parts of the open dwell."""
         return all(bool(_one(each, going_on, placing)) for each in self._waiting)
 
     def taken_early(self, dwell: Dwell) -> None:
-        """Note that a standstill was taken while it lasts; all waiting dwells are its shorter
+        """Record that a standstill was captured before its end; all waiting dwells are its shorter
         parts.
         """
         self._waiting, self._taken = [], _alone(dwell)
 
 
 def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:
-    """Return whether two dwells are a single standstill: no move was seen between them, or only for
-    a moment, and the laser stood still.
+    """Return whether two dwells are a single standstill: no move was observed between them, or only
+    for a moment, and the laser stood still.
 
-    If nothing was polled for longer than a step takes, a move would go unseen: then the laser must
-    have stood all the time. A count lost meanwhile may read the same after a move. None with too
-    few samples.
+    If the time without a poll is longer than a step, a move would be missed: then the laser must
+    have stood still all the time. After a move, a count that was lost meanwhile may show the same
+    reading. None where there are too few samples.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
@@ -310,8 +314,8 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return two dwells as a single dwell: all of both without a seen move, else the longer part;
-    the signals are the most frequent.
+    """Return two dwells as a single dwell: the whole of both if no move was observed, else the
+    longer part; the signals are the most frequent.
     """
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:

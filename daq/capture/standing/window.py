@@ -15,13 +15,14 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.timing.stream import Break, Span
 
 SIGMAS = 5.0
-"""Noise is smaller than so many of its standard deviations."""
+"""Noise is smaller than this number of its standard deviations."""
 LEAST_SAMPLES = 3
 """Fewer samples do not show their own scatter. A polled display gives no more in a short dwell."""
 IN_A_ROW = 3
 """Single wrong lines of a laser are no move, and are thrown away without a word."""
 BLOCKS = 256
-"""Autocorrelation is looked for on block means: a window of any length costs the same."""
+"""Autocorrelation is estimated from block means, so that a window of any length has the same cost.
+"""
 RESOLUTION_FLOOR_UM = 0.002
 """Least uncertainty in um for a window of equal samples, whose standard deviation is zero: one or
 two nanometres are the least step of the finest known instrument.
@@ -105,7 +106,9 @@ def summarise(
 
 
 def inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which samples are no outliers, shape (n,), from their deviations from the median."""
+    """Return a mask of the samples without outliers, shape (n,), from their deviations from the
+    median.
+    """
     robust = MAD_TO_SIGMA * float(np.median(np.abs(deviation_um)))
     floor = max(robust, _resolution_um(deviation_um))
     keep: NDArray[np.bool_] = np.abs(deviation_um) <= SIGMAS * floor
@@ -138,12 +141,12 @@ def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[fl
 
 
 def _variance_inflation(residual: NDArray[np.float64]) -> float:
-    """Return by how much correlation raises the variance of the mean over that of independent
-    samples, at least 1.
+    """Return the factor by which correlation raises the variance of the mean over that of
+    independent samples, at least 1.
 
-    Samples in blocks, then the initial positive sequence of the blocks' autocorrelation (Geyer
-    1992): vibration and slow air both make neighbours alike, and a mean over alike samples is worth
-    fewer.
+    The samples are taken in blocks, then the initial positive sequence of the blocks'
+    autocorrelation (Geyer 1992): vibration and slow air make neighbours similar, and a mean over
+    similar samples is worth fewer.
     """
     size = max(1, len(residual) // BLOCKS)
     count = len(residual) // size
@@ -203,28 +206,28 @@ leaves."""
 WRONG_SHARE = 0.01
 """More wrong lines than `IN_A_ROW` and so large a share of the window are no accident."""
 RESTLESS_UM = 0.02
-"""An instrument of this resolution sees air and floor move: in a machine hall it never sends a
-single value for half a window.
+"""An instrument with this resolution records the movements of air and floor: in a machine hall it
+never sends one constant value for half a window.
 """
 FROZEN_SHARE = 0.5
 FROZEN_SAMPLES = 10
 LEAVING_SHARE = 0.1
-"""Share of a window's end that may show the machine leave: a PLC reports the standstill up to a
-scan too long.
+"""Share at a window's end in which the machine may already leave: a PLC reports the standstill for
+up to a scan too long.
 """
 ON_THE_WAY = 0.5
-"""Share of the way within which a leaving machine is first seen; a slip of the count is at once at
-its end.
+"""Share of the way within which a leaving machine is first observed; a slip of the count is
+complete at once.
 """
 
 
 def against_itself(
     position_mm: NDArray[np.float64], window: Window, resolution_um: float
 ) -> list[Message]:
-    """Return whatever makes a window doubtful by itself; nothing for a quiet one.
+    """Return every reason to doubt a window by itself; empty for a quiet window.
 
-    ``position_mm`` (n,) are its samples in order of time, those left out of the mean included;
-    ``resolution_um`` is the least step that the instrument has shown.
+    ``position_mm`` (n,) are its samples in order of time, including the outliers; ``resolution_um``
+    is the smallest step of the instrument until now.
     """
     count, same = len(position_mm), _longest_run(position_mm)
     if resolution_um <= RESTLESS_UM and same >= max(FROZEN_SAMPLES, FROZEN_SHARE * count):
@@ -238,10 +241,10 @@ def against_itself(
 
 
 def _leaving(position_mm: NDArray[np.float64]) -> int:
-    """Return the number of samples at the end of a window from a machine that drives on, and may
-    stand elsewhere by then.
+    """Return the number of samples at the end of a window during which the machine moves on, and
+    may then stand elsewhere.
 
-    The machine passes the places between, while a slip of the count jumps.
+    A moving machine passes the places between, while a slip of the count jumps.
     """
     away_um = (position_mm - np.median(position_mm)) * 1e3
     staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))
@@ -275,8 +278,9 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _best_split(blocks: NDArray[np.float64]) -> int:
-    """Return where a window is best cut in two levels, by least squares; not in its first or last
-    eighth."""
+    """Return the best place to cut a window into two levels, by least squares; not in its first or
+    last eighth.
+    """
     count = len(blocks)
     first = np.arange(1, count)
     total = np.cumsum(blocks)
@@ -295,7 +299,7 @@ def _squares_of_a_line(blocks: NDArray[np.float64]) -> float:
 
 
 def _longest_run(position_mm: NDArray[np.float64]) -> int:
-    """Return how often one value came in a row at most."""
+    """Return the largest number of consecutive equal values."""
     changes = np.flatnonzero(np.diff(position_mm))
     edges = np.concatenate(([-1], changes, [len(position_mm) - 1]))
     return int(np.max(np.diff(edges))) if len(position_mm) else 0

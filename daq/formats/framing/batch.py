@@ -14,7 +14,7 @@ Columns = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDA
 
 
 class Batch:
-    """Grows by columns; a notice stands before the sample that is added next."""
+    """Grows by columns; a notice belongs to the sample that is added next."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -32,7 +32,7 @@ class Batch:
         channels: NDArray[np.float64] | None = None,
     ) -> None:
         """Append samples, one row each; a missing beam is unknown (NaN). Either all parts have
-        channels or none.
+        channels or no part has.
         """
         self._parts.append(
             (counter, position_mm, _unknown(len(counter)) if beam is None else beam, flags)
@@ -50,8 +50,9 @@ class Batch:
         name: str = "",
         index: int | None = None,
     ) -> None:
-        """Add a remark before the next sample, or before the one at ``index``; the rest as in
-        `Notice`."""
+        """Add a remark before the next sample, or before the sample at ``index``; the other
+        arguments as in `Notice`.
+        """
         self.notices.append(
             Notice(
                 code=code,
@@ -63,8 +64,9 @@ class Batch:
         )
 
     def remark(self, breaks: Iterable[Break], keep: NDArray[np.bool_]) -> None:
-        """Append what was wrong with the counter of the rows that are added next; ``keep`` (rows,)
-        is False for rows left out."""
+        """Append the counter faults of the rows that are added next; ``keep`` (rows,) is False for
+        rows left out.
+        """
         for found in breaks:
             index = self.count + int(keep[: found.row].sum())
             self.note(found.code, found.why, value=found.missing, index=index)

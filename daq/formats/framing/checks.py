@@ -1,4 +1,4 @@
-"""Refusing settings that cannot be meant, by the name they have in the survey file."""
+"""Refusal of impossible settings, by their names in the survey file."""
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import Words, message

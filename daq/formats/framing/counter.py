@@ -10,24 +10,27 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import Message, message
 
 LONGEST_WRAP_GAP = 1000
-"""Samples believed to be missing across the end of a counter; more is taken for an instrument that
-was reset."""
+"""Largest number of samples assumed to be missing across the end of a counter; a larger number
+means that the instrument was reset.
+"""
 LONGEST_GAP = 10_000_000
-"""Samples; hours at any known rate. A longer step forward is another count, not a gap."""
+"""Samples; hours at any known rate. A longer forward step is a new count, not a gap."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wrap:
     """A counter that runs from ``low`` to ``high`` and begins again; at most ``reach`` steps are
-    believed across the end."""
+    accepted across the end.
+    """
 
     low: int
     high: int
     reach: int
 
     def across(self, previous: int, current: int) -> int | None:
-        """Return the steps from ``previous`` to the smaller ``current`` over the end, None where
-        they cannot be that."""
+        """Return the steps from ``previous`` to the smaller ``current`` across the end; None where
+        this is impossible.
+        """
         if previous > self.high or current < self.low:
             return None
         steps = current - previous + self.high - self.low + 1
@@ -58,8 +61,8 @@ class Unwrapped:
 class CounterTrack:
     """Unwraps the counter of one stream.
 
-    After a restart the count goes on by one: how long the instrument was away is not known, so a
-    clock must begin anew.
+    After a restart the count continues by one: the duration of the absence is unknown, so a clock
+    must begin anew.
     """
 
     def __init__(self, wraps: Sequence[Wrap]) -> None:
@@ -69,12 +72,13 @@ class CounterTrack:
         self._repeating = False
 
     def forget(self) -> None:
-        """Take whatever comes next as the step after the last sample, without a remark."""
+        """Accept the next value as the step after the last sample, without a remark."""
         self._raw = None
 
     def goes_on(self, raw: NDArray[np.int64]) -> bool:
-        """Return whether rows ``raw``, shape (rows,), at least one, count on by ones from the last
-        row followed; follows nothing."""
+        """Return whether rows ``raw``, shape (rows,), at least one, continue by ones from the last
+        row; the counter's state is unchanged.
+        """
         return (
             self._raw is not None
             and not self._repeating
@@ -113,7 +117,7 @@ class CounterTrack:
         return Unwrapped(counter[keep], keep, tuple(breaks))
 
     def _judge(self, row: int, previous: int, current: int) -> tuple[int, Break | None]:
-        """Return the true step to ``current`` and what is wrong with it."""
+        """Return the true step to ``current`` and its fault."""
         if current == previous:
             return 0, Break("duplicate", row, message("count-again", count=current))
         step: int | None = current - previous

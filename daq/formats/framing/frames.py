@@ -13,22 +13,23 @@ Frames = NDArray[np.uint8]
 """Whole frames, shape (frames, size)."""
 
 SHOWN = 16
-"""Bytes of what is no frame that are quoted."""
+"""Number of bytes outside frames that a message quotes."""
 JUNK_CAP = 4096
-"""Bytes without a frame after which a remark is made even if no frame ever comes."""
+"""Number of bytes without a frame after which a remark is made, even if no frame ever arrives."""
 
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """``count`` bytes that belong to no frame, and how they begin; reported once until the next
-    frame."""
+    """``count`` bytes that belong to no frame, and their beginning; reported once until the next
+    frame.
+    """
 
     count: int
     begins: bytes = b""
 
     @property
     def why(self) -> Message:
-        """Return this in words."""
+        """Return the junk in words."""
         return (
             message("junk-begins", count=self.count, bytes=self.begins.hex(" "))
             if self.begins
@@ -37,11 +38,11 @@ class Junk:
 
 
 class FrameBuffer:
-    """Holds the half frame at the end of a stream.
+    """Holds the incomplete frame at the end of a stream.
 
     A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (shape (size,) bytes ->
-    whether the frame is whole). After a bad frame the search goes on one byte further, so that a
-    sync inside the values costs no good frame.
+    whether the frame is whole). After a bad frame the search continues one byte further, so that a
+    sync pattern inside the values loses no good frame.
     """
 
     def __init__(self, sync: bytes, size: int, valid: Callable[[bytes], bool]) -> None:
@@ -58,8 +59,9 @@ class FrameBuffer:
         self._held = b""
 
     def feed(self, chunk: bytes) -> Iterator[Frames | Junk]:
-        """Yield the frames that ``chunk`` completes, and how much lay between them; to be consumed
-        whole."""
+        """Yield the frames that ``chunk`` completes, and the junk between them; the caller must
+        consume all of it.
+        """
         data = self._held + chunk
         at = 0
         while True:
@@ -86,7 +88,7 @@ class FrameBuffer:
         return frame.startswith(self._sync) and self._valid(frame)
 
     def _may_begin(self, rest: bytes) -> bool:
-        """Return whether ``rest`` is nothing or the beginning of a frame still to come."""
+        """Return whether ``rest`` is empty or the beginning of a frame."""
         return len(rest) < self._size and rest[: len(self._sync)] == self._sync[: len(rest)]
 
     def _next_sync(self, data: bytes, start: int) -> int:
@@ -100,7 +102,7 @@ class FrameBuffer:
         )
 
     def _report(self, cap: int) -> Iterator[Junk]:
-        """Yield the junk so far: in portions of ``cap``, or what there is where ``cap`` is 0."""
+        """Yield the junk until now: in portions of ``cap``, or all of it where ``cap`` is 0."""
         while self._junk and self._junk >= cap:
             portion = cap or self._junk
             self._junk -= portion

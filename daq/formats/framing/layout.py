@@ -1,5 +1,6 @@
-"""The numbers within binary frames of fixed size: where each stands, and reading a column of them
-at once."""
+"""The numbers within binary frames of fixed size: the place of each, and reading a column of them
+at once.
+"""
 
 import re
 from dataclasses import dataclass
@@ -47,8 +48,8 @@ class Place:
 
 
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:
-    """Return the places by name and where the last one ends. ``texts`` are such as ``position i32``
-    or ``skip 2``, the first at ``start``.
+    """Return the places by name and where the last one ends. ``texts`` are texts such as ``position
+    i32`` or ``skip 2``, the first at ``start``.
 
     Raises UsageError that names what is wrong.
     """

@@ -1,4 +1,4 @@
-"""Cutting a stream of bytes into lines, with a stated limit for what never ends."""
+"""Cutting a stream of bytes into lines, with a limit for a line that does not end."""
 
 from collections.abc import Sequence
 
@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 LINE_CAP = 4096
-"""Bytes; no instrument that sends a line a sample comes near."""
+"""Bytes; no instrument sends a line per sample that is nearly as long."""
 _QUOTED_BYTES = 40
 """Bytes of a garbage line that are quoted: enough to recognise it, short in a message."""
 
 
 class LineBuffer:
-    """Holds the half line at the end of a stream.
+    """Holds the incomplete line at the end of a stream.
 
-    ``cap`` is the longest line in bytes, terminator not counted. A longer line is handed out cut
-    off (still longer than ``cap``, so that its reader refuses it) as soon as it is too long; its
-    rest is dropped. Nothing grows without limit on a wrong baud rate.
+    ``cap`` is the longest line in bytes, terminator not counted. A longer line is returned as soon
+    as it exceeds the limit, cut off but still longer than ``cap``, so that its reader refuses it;
+    its rest is discarded. So memory stays limited even at a wrong baud rate.
     """
 
     def __init__(self, cap: int, terminator: bytes = b"\n") -> None:
@@ -44,15 +44,16 @@ class LineBuffer:
         return complete
 
     def preview(self, chunk: bytes) -> bytes:
-        """Return what `feed` would return, taking nothing; empty also where the line under way is
-        to be dropped or is too long."""
+        """Return the lines that `feed` would return, without consuming them; also empty where the
+        present line is to be discarded or is too long.
+        """
         cut = chunk.rfind(self._terminator) + 1
         if self._skipping or len(chunk) - cut > self.cap:
             return b""
         return b"".join(self._parts) + chunk[:cut] if cut else b""
 
     def skip_line(self) -> None:
-        """Drop everything up to the next terminator: the line under way is not whole."""
+        """Discard everything up to the next terminator: the present line is incomplete."""
         self._take()
         self._skipping = True
 

@@ -1,4 +1,4 @@
-"""Air and material from a sensor of their own: one text line a measurement, described by its
+"""Air and material from a separate sensor: one text line a measurement, described by its
 configuration.
 
 Vaisala PTU300 in its factory setting: it answers `SEND` with pressure, temperature and humidity
@@ -115,7 +115,9 @@ class AirDecoder:
         self.greeting = settings.greeting.encode("ascii")
 
     def resync(self) -> None:
-        """Discard the half line; the next one may be cut in front and still look whole."""
+        """Discard the incomplete line; the next line may lack its beginning and still look
+        complete.
+        """
         self._lines = LineBuffer(_LINE_CAP, self._end)
         if not self._settings.request:
             self._lines.skip_line()
@@ -149,7 +151,7 @@ class AirDecoder:
         self._number += 1
 
     def _value(self, name: str, text: str | None) -> float:
-        """Return the number in our unit, NaN if it is not valid."""
+        """Return the number in the program's unit, NaN if it is not valid."""
         try:
             number = float(text) if text is not None else math.nan
         except ValueError:

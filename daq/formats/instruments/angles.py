@@ -35,16 +35,16 @@ WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
 _LINE_CAP = 200
 _LARGEST_URAD = 1e6
-"""A larger number is no angle of these instruments: a radian is far beyond their ranges."""
+"""A larger number is not an angle of these instruments: a radian is far beyond their ranges."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnglesSettings:
     """Format of a line.
 
-    ``pattern`` matches the whole line, with the groups ``first`` and maybe ``second`` and ``valid``
-    (1 first, 2 second, 3 both). ``greeting`` is sent once, ``request`` for each reading; an
-    instrument that sends by itself has no request.
+    ``pattern`` matches the whole line, with the groups ``first`` and optionally ``second`` and
+    ``valid`` (1 first, 2 second, 3 both). ``greeting`` is sent once, ``request`` for each reading;
+    an instrument that sends by itself has no request.
     """
 
     pattern: str
@@ -104,7 +104,9 @@ class AnglesDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half line; the next one may be cut in front and still look whole."""
+        """Discard the incomplete line; the next line may lack its beginning and still look
+        complete.
+        """
         self._lines = LineBuffer(_LINE_CAP, self._end)
         if not self._settings.request:
             self._lines.skip_line()

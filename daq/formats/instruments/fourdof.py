@@ -59,7 +59,7 @@ LINE_CAP = 256
 _INT32, _FLOAT32 = b"if"
 _SUMS = (2, 5, 8)
 _SATURATED = 0b0000_0111
-"""Status bits: QD, PSD 1, PSD 2 at the end of their converter's range."""
+"""Status bits: Readings of QD, PSD 1 and PSD 2 at the end of their converter's range."""
 _HEAD_FAULT = 0b1000_0000
 _NUMBER = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?"
 _LINE = re.compile(rb"\$(4D,([0-9]{1,10}),([0-9]{1,3})((?:,%b){9}))\*([0-9A-Fa-f]{4})\r?" % _NUMBER)

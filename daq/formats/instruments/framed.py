@@ -1,5 +1,5 @@
 """`frames`: any instrument that sends a binary frame of fixed size per sample, described by its
-configuration; the sibling of `line`.
+configuration; the counterpart of `line` for binary data.
 """
 
 import math
@@ -28,9 +28,9 @@ class FramesSettings:
 
     A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and the checksum
     over all bytes before it from byte ``checksum_from`` on. Position in mm = number x ``scale`` x
-    ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``: any of the
-    first set is a lost beam, any of the second a fault of the instrument; the third must all be
-    set.
+    ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``: any set bit
+    of the first mask is a lost beam, any set bit of the second a fault of the instrument; all bits
+    of the third must be set.
     """
 
     sync: str
@@ -118,7 +118,7 @@ class FramesSettings:
 
     @property
     def sync_bytes(self) -> bytes:
-        """Return the bytes that every frame begins with; none where they are not hexadecimal."""
+        """Return the bytes at the beginning of every frame; none where they are not hexadecimal."""
         try:
             return bytes.fromhex(self.sync)
         except ValueError:
@@ -126,7 +126,7 @@ class FramesSettings:
 
     @property
     def places(self) -> dict[str, Place]:
-        """Return where each number stands."""
+        """Return the place of each number."""
         return read_layout(self.layout, len(self.sync_bytes))[0]
 
     @property
@@ -141,8 +141,8 @@ class FramesDecoder:
     """Decoder of configured binary frames (`daq.timing.samples.Decoder`).
 
     Bytes outside every frame are a garbage notice that quotes their beginning. A position that is
-    not a finite number is a sample: NaN, flagged DEVICE_ERROR. Without a counter the frames are
-    numbered and a lost frame is not seen.
+    not a finite number is a sample: NaN, flagged DEVICE_ERROR. Without a counter the program
+    numbers the frames, and a lost frame is not noticed.
     """
 
     def __init__(self, settings: FramesSettings) -> None:
@@ -225,7 +225,7 @@ class FramesDecoder:
 
 
 def _wraps(counter: Place | None) -> Sequence[Wrap]:
-    """Return how the counter begins again: at the end of its bits, signed or not."""
+    """Return the range of the counter: the end of its bits, signed or not."""
     if counter is None or counter.size == 8:
         return ()
     values = 1 << 8 * counter.size

@@ -1,8 +1,8 @@
 """`ids3010`: attocube IDS3010 fibre interferometers, JSON-RPC 2.0 over TCP 9090, polled.
 
-Built from the maker's public interface (attocube-systems/IDS-APIs @e0fd387, 2025), not yet met the
-instrument. Every request has an id that names its question, and every answer repeats the id: so an
-answer is never taken for another question's.
+Built from the maker's public interface (attocube-systems/IDS-APIs @e0fd387, 2025), not yet tested
+on the instrument. Every request has an id, and every answer repeats it, so that no answer is
+assigned to another request.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class Ids3010Settings:
     """Settings of the polling. ``axis`` counts from 1; ``interface`` is ``sen`` since firmware 2,
     ``ids`` before; the contrast is the beam, lost below ``beam_threshold`` of ``contrast_full``
-    (per mille). ``air`` asks the environmental unit too.
+    (per mille). With ``air`` the environmental unit is read too.
     """
 
     axis: Literal[1, 2, 3] = 1
@@ -82,7 +82,8 @@ _decode = msgspec.json.Decoder(_Answer).decode
 
 class Ids3010Decoder:
     """Decoder of an IDS3010 (`daq.timing.samples.AskingDecoder`). The host numbers the readings; a
-    lost answer is not seen here."""
+    lost answer is not noticed here.
+    """
 
     gaps_visible = False
 
@@ -106,7 +107,7 @@ class Ids3010Decoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half answer: a new connection begins with a whole one."""
+        """Discard the incomplete answer: a new connection begins with a complete answer."""
         self._lines = LineBuffer(LINE_CAP)
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -141,8 +142,8 @@ class Ids3010Decoder:
             self._refused(answer, line, batch)
 
     def _refused(self, answer: _Answer, line: bytes, batch: Batch) -> None:
-        """Take an answer without the requested value; for the position it is a sample that cannot
-        be used.
+        """Process an answer without the requested value; for the position the result is an unusable
+        sample.
         """
         error = answer.error if isinstance(answer.error, dict) else {}
         why = error.get("message")

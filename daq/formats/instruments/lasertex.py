@@ -1,9 +1,9 @@
 """`lasertex`: Lasertex HPI-3D and Status Pro uLine F1 machine tool lasers, a USB serial line of 3
 Mbaud.
 
-Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet met the instrument. To
-the device go 8 bytes: AA, command of two bytes, four zeros, CRC; from it come 16: AA, command,
-twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over all bytes before it.
+Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet tested on the
+instrument. To the device go 8 bytes: AA, command of two bytes, four zeros, CRC; from it come 16:
+AA, command, twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over all bytes before it.
 """
 
 from collections.abc import Callable
@@ -103,8 +103,8 @@ class LasertexDecoder:
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return the link's answer to the received bytes: the laser holds the flags of a lost beam
-        until a command drops them, so they are dropped once they have been received, and never
+        """Return the link's answer to the received bytes: the laser keeps the flags of a lost beam
+        until a command clears them. The command is sent after the flags were received, never
         before.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
@@ -156,8 +156,9 @@ class LasertexDecoder:
         batch.add(np.arange(first, self._number, dtype=np.int64), position_mm, flags, beam=beam)
 
     def _hear_weather(self, frame: bytes, batch: Batch) -> None:
-        """Take a report of a sensor: number, temperature in 0.01 C, humidity in %, battery, link,
-        pressure in 10 Pa."""
+        """Process a report of a sensor: number, temperature in 0.01 C, humidity in %, battery,
+        link, pressure in 10 Pa.
+        """
         sensor, temperature_c = frame[3], int.from_bytes(frame[4:6], "big", signed=True) * 0.01
         if sensor == _AIR_SENSOR:
             pressure_hpa = int.from_bytes(frame[9:11], "big") * 0.1

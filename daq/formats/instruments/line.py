@@ -2,8 +2,8 @@
 
 The route for instruments whose wire format is not public: a regular expression with the named
 groups ``position``, ``counter`` and ``beam`` gives the places of the numbers. The match takes a
-time linear in the line (RE2), so a line that lost a comma cannot hold up the recording for minutes;
-features that RE2 lacks (looking ahead or behind, references to groups) are refused.
+time linear in the length of the line (RE2), so a line without a comma cannot delay the recording
+for minutes; features that RE2 lacks (looking ahead or behind, references to groups) are refused.
 """
 
 import math
@@ -108,9 +108,7 @@ LONGEST_QUOTE = 200
 MOST_MEMORY_BYTES = 4_000_000
 """Largest memory of a pattern in bytes; a larger pattern is refused."""
 SAME_LINES = 1024
-"""Kept as they were read: a laser that hangs repeats a value, and a log holds several such lines in
-a byte.
-"""
+"""Cached: a laser that hangs repeats a value, and a log holds several such lines per byte."""
 _NUMBER = re.compile(
     r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*"
 )
@@ -129,8 +127,8 @@ class LineDecoder:
 
     A line that does not match, or whose counter is no number, is a garbage notice. A matching line
     whose position is no number is a sample: NaN, flagged DEVICE_ERROR. The first line of a stream
-    may be cut in front: its sample is flagged OUT_OF_RANGE. Without a counter in the line the lines
-    are numbered and a lost one is not seen.
+    may lack its beginning: its sample is flagged OUT_OF_RANGE. Without a counter in the line the
+    program numbers the lines, and a lost line is not noticed.
     """
 
     def __init__(self, settings: LineSettings) -> None:
@@ -158,7 +156,7 @@ class LineDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half line and pass over the rest of it: the stream was interrupted."""
+        """Discard the incomplete line and skip the rest of it: the stream was interrupted."""
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -204,8 +202,9 @@ class LineDecoder:
         return batch.samples(arrivals_of_lines(chunks, self._terminator))
 
     def _numbered(self, parsed: Sequence[tuple[float, str | None, float]]) -> list[_Row] | None:
-        """Return rows with the count that stands in their lines, or the next numbers, which stay
-        free; None where one has no count."""
+        """Return rows with the count in their lines, or with the next free numbers; None where a
+        line has no count.
+        """
         rows = []
         for number, (position, counter, beam) in enumerate(parsed, self._number + 1):
             count = self._count(counter) if self.gaps_visible else number
@@ -274,8 +273,9 @@ def _counts(rows: Sequence[_Row]) -> NDArray[np.int64]:
 
 
 def line_pattern(pattern: str, where: str) -> Any:
-    """Return a pattern ready to match. Raises UsageError for what RE2 cannot hold; ``where`` names
-    the pattern."""
+    """Return a pattern ready to match. Raises UsageError for a pattern that RE2 does not support;
+    ``where`` names the pattern.
+    """
     options = re2.Options()
     options.log_errors = False
     options.max_mem = MOST_MEMORY_BYTES
@@ -300,6 +300,6 @@ def _shortened(text: str) -> str:
 
 
 def _number(text: str | None) -> float:
-    """Return the number, which may stand apart from its sign; NaN where there is none."""
+    """Return the number, which may be separated from its sign; NaN without a number."""
     found = _NUMBER.fullmatch(text) if text is not None else None
     return float(found["sign"] + found["digits"]) if found else float("nan")

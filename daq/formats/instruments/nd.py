@@ -70,7 +70,7 @@ class NdDecoder:
 
     An answer is STX, then a line per axis, ended by CR LF. NAK, or text in the place of the value,
     is a sample all the same: NaN, flagged DEVICE_ERROR, with a notice. The host numbers the
-    answers; a lost answer is not seen here.
+    answers; a lost answer is not noticed here.
     """
 
     gaps_visible = False
@@ -84,7 +84,7 @@ class NdDecoder:
         self._mm = settings.sign * unit_mm
         self._line = bytearray()
         self._axis = 0
-        """The axis whose line comes next, counted from 1; 0 outside an answer."""
+        """The axis of the next line, counted from 1; 0 outside an answer."""
         self._number = 0
         self.request = _REQUESTS[settings.value]
         self.poll_interval_s = 1 / settings.poll_hz
@@ -92,7 +92,7 @@ class NdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half answer: the next one begins with its STX."""
+        """Discard the incomplete answer: the next answer begins with its STX."""
         self._line.clear()
         self._axis = 0
 

@@ -1,9 +1,9 @@
 """`qudis`: quTools quDIS fibre interferometers, binary telegrams over TCP 2101.
 
-Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet met
-the instrument. A telegram is five little-endian words {length of the rest, opcode, address, index,
-correlation} and data; a reading is two words, each with half of a 48-bit position in pm and half of
-a 14-bit counter that counts the edges, rising and falling, of the marker input.
+Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet tested
+on the instrument. A telegram is five little-endian words {length of the rest, opcode, address,
+index, correlation} and data; a reading is two words, each with half of a 48-bit position in pm and
+half of a 14-bit counter that counts the edges, rising and falling, of the marker input.
 """
 
 import struct
@@ -85,8 +85,8 @@ class QudisDecoder:
     """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the
     marker counter: odd while the input is high.
 
-    The protocol sends no strength of the signal and no lost beam: a lost count shows in the size of
-    a step alone.
+    The protocol sends neither signal strength nor a lost beam: only the size of a step shows a lost
+    count.
     """
 
     gaps_visible = True
@@ -123,7 +123,7 @@ class QudisDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half telegram: a new connection begins with a whole one."""
+        """Discard the incomplete telegram: a new connection begins with a complete telegram."""
         self._telegrams = _TelegramBuffer()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -161,8 +161,8 @@ class QudisDecoder:
         self._state = state
 
     def _hear_source(self, source: int, batch: Batch) -> None:
-        """Take the content of channel 0: an axis or a way of measuring that the instrument lacks is
-        not set, and another takes its place.
+        """Process the content of channel 0: if the instrument lacks the requested axis or measuring
+        mode, it keeps another.
         """
         self._other_source = source != self._source
         if self._other_source:
@@ -196,8 +196,9 @@ class QudisDecoder:
 
 
 class _TelegramBuffer:
-    """Holds the half telegram at the end of a stream; passes over what cannot be the beginning of
-    one."""
+    """Holds the incomplete telegram at the end of a stream; skips bytes that cannot begin a
+    telegram.
+    """
 
     def __init__(self) -> None:
         self._held = b""
@@ -206,7 +207,7 @@ class _TelegramBuffer:
         self._passed = 0
 
     def feed(self, chunk: bytes) -> Iterator[bytes | Junk]:
-        """Yield the telegrams that ``chunk`` completes, and what lay between them."""
+        """Yield the telegrams that ``chunk`` completes, and the bytes between them."""
         data, at = self._held + chunk, 0
         while len(data) - at >= 8:
             length, opcode = struct.unpack_from("<ii", data, at)

@@ -73,7 +73,7 @@ class TqdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half answer: the stream was interrupted."""
+        """Discard the incomplete answer: the stream was interrupted."""
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:

@@ -1,8 +1,8 @@
 """Protocols whose libraries wait for their answers: a thread per connection does the waiting, the
 event loop awaits its results.
 
-The thread does nothing else. A library that hangs costs its thread alone: after a limit the caller
-gets an error and closes the library, and the thread ends with it.
+The thread does nothing else. A library that hangs costs only its own thread: after a limit the
+caller gets an error and closes the library, which ends the thread.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 Result = TypeVar("Result")
 CONNECT_S = 5.0
-"""Longest time of connecting in s: a dozen questions and answers."""
+"""Longest time of connecting in s, enough for a dozen requests and answers."""
 _PATIENCE = 3.0
 """Longest time of a poll as a multiple of plc.timeout_s, the wait for each part of a poll."""
 
@@ -53,8 +53,9 @@ class Waiter:
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     async def call(self, work: Callable[[], Result], limit_s: float) -> Result:
-        """Return what ``work`` returns, done in the thread; raises what it raises, TimeoutError
-        after ``limit_s``."""
+        """Return the result of ``work``, done in the thread; raises its errors, and TimeoutError
+        after ``limit_s``.
+        """
         loop = asyncio.get_running_loop()
         future: asyncio.Future[Result] = loop.create_future()
 
@@ -115,7 +116,7 @@ class BlockingLink(ABC):
         return block
 
     async def write_word(self, table: str, address: int, value: int) -> None:
-        """Write the low 16 bits of ``value``. Raises as ``read`` does."""
+        """Write the low 16 bits of ``value``. Raises the errors of ``read``."""
         await self._within(lambda: self._write(table, address, value % 65536))
 
     def close(self) -> None:
@@ -125,7 +126,8 @@ class BlockingLink(ABC):
     @abstractmethod
     def _fetch(self, wanted: ReadRange) -> bytes:
         """Return the bytes of a range, in the thread. Raises RefusedRequestError where the control
-        does not give them."""
+        refuses the bytes.
+        """
 
     @abstractmethod
     def _write(self, table: str, address: int, value: int) -> None:
@@ -144,8 +146,9 @@ class BlockingLink(ABC):
         return self._whole(wanted, data)
 
     def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
-        """Return the bytes of a range. Raises StaleAnswerError where they are not as many as were
-        asked for."""
+        """Return the bytes of a range. Raises StaleAnswerError where their number differs from the
+        request.
+        """
         if len(data) != wanted.byte_count:
             remedy = message("do-made-anew")
             found = message(
@@ -166,7 +169,7 @@ class BlockingLink(ABC):
         return ModbusBlock(send_ns, stamp_ns(), self._ranges, data)
 
     async def _within(self, work: Callable[[], Result]) -> Result:
-        """Do the work in the thread. An answer whose bytes arrive slowly for ever is given up like
+        """Do the work in the thread. An answer whose bytes arrive slowly for ever is abandoned like
         silence.
         """
         limit_s = _PATIENCE * self._timeout_s + 1.0
@@ -177,8 +180,9 @@ class BlockingLink(ABC):
 
 
 async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limit_s: float) -> None:
-    """Connect in the thread. Raises what ``connect`` raises, LostConnectionError after ``limit_s``;
-    the thread has then ended."""
+    """Connect in the thread. Raises the errors of ``connect``, LostConnectionError after
+    ``limit_s``; the thread has then ended.
+    """
     try:
         await waiter.call(connect, limit_s)
     except TimeoutError as error:
@@ -190,7 +194,7 @@ async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limi
 
 
 def silent(address: str, waited_s: float) -> LostConnectionError:
-    """Return the error for an answer that did not come, or not to its end."""
+    """Return the error for an answer that is missing or incomplete."""
     remedy = message("do-overloaded")
     return LostConnectionError(
         address,
@@ -212,7 +216,7 @@ def not_installed(address: str, extra: str) -> LostConnectionError:
 
 
 def hang_up(connection: socket.socket | None) -> None:
-    """End a connection that another thread may be waiting on."""
+    """Close a connection for which another thread may be waiting."""
     if connection is not None:
         with suppress(OSError):
             connection.shutdown(socket.SHUT_RDWR)
@@ -221,7 +225,7 @@ def hang_up(connection: socket.socket | None) -> None:
 def unreachable(
     error: OSError, waited_s: float, protocol: Words, firewall: Message
 ) -> tuple[Words, Message]:
-    """Return what was found instead of a connection, and what to do about it."""
+    """Return the state found instead of a connection, and the remedy."""
     if isinstance(error, socket.gaierror):
         return message("found-no-name"), message("do-plc-host")
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0

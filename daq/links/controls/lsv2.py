@@ -1,7 +1,7 @@
 """Heidenhain controls over LSV2 (TCP 19000): the only user of pyLSV2 (extra ``stepdiag[lsv2]``).
 
 Values that the NC program hands to the PLC by FN 19 lie in the PLC's memory as double words, low
-byte first. Reading them needs the login PLCDEBUG, which the library's safe mode shuts out together
+byte first. Reading them needs the login PLCDEBUG, which the library's safe mode excludes together
 with writing; only reading is called here.
 """
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from pyLSV2 import LSV2
 
 _LARGEST_ANSWER = 1_000_000
-"""Bytes at most of an answer: a read of a PLC's memory is 255 bytes, but a network can bring
-gigabytes while the connection is still being made.
+"""Largest answer in bytes: a read of a PLC's memory is 255 bytes, but a network can send gigabytes
+while the connection is still being made.
 """
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
 _FIREWALL = message("firewall-lsv2")
@@ -108,18 +108,18 @@ class Lsv2Link(BlockingLink):
 
 @dataclass(slots=True)
 class _Line:
-    """The library's socket: an end in the middle of an answer is an end, and an answer is no longer
-    than its length field may state.
+    """The library's socket: a connection that ends within an answer counts as ended, and an answer
+    is no longer than its length field can state.
 
-    (The library asks an ended connection for the rest for ever, and for as much memory at once as
-    the other side names.)
+    (The library itself would request the rest from an ended connection for ever, and reserve at
+    once as much memory as the other side states.)
     """
 
     socket: Any
     answered: int = 0
 
     def send(self, data: bytes) -> int:
-        """Send a question, whose answer begins anew."""
+        """Send a request; its answer begins anew."""
         self.answered = 0
         return int(self.socket.send(data))
 
@@ -139,8 +139,9 @@ class _Line:
 
 
 async def open_link(settings: Lsv2Settings, ranges: Sequence[ReadRange]) -> Lsv2Link:
-    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError
-    with what was found instead of it."""
+    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the state
+    found instead.
+    """
     try:
         from pyLSV2 import LSV2
     except ImportError as error:
@@ -213,11 +214,11 @@ def _unanswered(settings: Lsv2Settings) -> DeviceError:
 
 
 def _senseless(address: str, error: Exception) -> DeviceError:
-    """Return the error for an answer outside this protocol: the library raises whatever its parsing
-    meets.
+    """Return the error for an answer outside this protocol: the library raises whatever error its
+    parser meets.
 
-    The connection is given up: answers have no number, and the rest of this answer would count as
-    the next.
+    The connection is closed: answers have no number, and the rest of this answer would count as the
+    next.
     """
     remedy = message("do-other-product")
     found = message("found-other-bytes", bytes=f"{type(error).__name__}: {str(error)[:120]}")
@@ -241,8 +242,9 @@ def _is_of_others(record: logging.LogRecord) -> bool:
 
 
 def _hush() -> None:
-    """Keep what the library logs, partly by the root logger, out of the journal: its errors are
-    reported once by the reconnector."""
+    """Keep the library's log entries, partly by the root logger, out of the journal: the
+    reconnector reports its errors once.
+    """
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     root = logging.getLogger()

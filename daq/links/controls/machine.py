@@ -32,7 +32,7 @@ class MachineLink(Protocol):
         ...
 
     async def write_word(self, table: str, address: int, value: int) -> None:
-        """Write the low 16 bits of ``value``. Raises as ``read`` does."""
+        """Write the low 16 bits of ``value``. Raises the errors of ``read``."""
         ...
 
     def close(self) -> None:
@@ -41,8 +41,8 @@ class MachineLink(Protocol):
 
 
 async def open_machine(settings: MachineSettings, ranges: Sequence[ReadRange]) -> MachineLink:
-    """Connect to the control, whose ``ranges`` are going to be read. Raises DeviceError for an
-    absent or refusing control.
+    """Connect to the control, to read its ``ranges``. Raises DeviceError for an absent or refusing
+    control.
     """
     if isinstance(settings, s7.S7Settings):
         return await s7.open_link(settings, ranges)

@@ -50,7 +50,9 @@ first packet was lost (RFC 6298, 2.1).
 RTU_WORST_ANSWER_S = 1.0
 """Longest wait for a late answer on a serial line in s; a later answer is found by its length."""
 _ATTEMPTS_TO_GET_IN_STEP = 3
-"""Probes before the link is given up; each waits `RTU_WORST_ANSWER_S` from the second on."""
+"""Number of probes before the link is abandoned; from the second on, each waits
+`RTU_WORST_ANSWER_S`.
+"""
 _WRITE_REGISTERS = 0x10
 _READS: dict[str, tuple[str, int]] = {
     "coil": ("read_coils", 1),
@@ -102,10 +104,10 @@ ModbusSettings = TcpSettings | RtuSettings
 class ModbusLink:
     """A connection to the machine; made by `open_link`, ended by ``close``.
 
-    A serial line carries no transaction number: a late answer would be taken for the answer to the
-    next request, and so would every answer after it, for ever and without an error. So every answer
-    must have the expected length, and after anything but a right answer the line is brought back in
-    step before the next request.
+    A serial line carries no transaction number: without a check, a late answer would be assigned to
+    the next request, and so would every answer after it, without an error. So every answer must
+    have the expected length, and after any other answer the line is brought back in step before the
+    next request.
     """
 
     def __init__(
@@ -192,7 +194,7 @@ class ModbusLink:
 
     async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
         """Ask and await the answer. The caller checks the answer; until then, and after a
-        cancellation, the line is out of step.
+        cancellation, answers may belong to earlier requests.
         """
         self._in_step = isinstance(self._settings, TcpSettings)
         try:
@@ -212,7 +214,7 @@ class ModbusLink:
         return answer
 
     async def _get_in_step(self) -> None:
-        """Make sure that the next answer belongs to the next request.
+        """Ensure that the next answer belongs to the next request.
 
         Late answers are waited for and fall on deaf ears. Then a read whose answer has another
         length than any range must be answered with that length: a slave answers in order, so
@@ -233,8 +235,8 @@ class ModbusLink:
 
 
 async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> ModbusLink:
-    """Connect to the machine, whose ``ranges`` are going to be read. Raises LostConnectionError for
-    a missing device or port.
+    """Connect to the machine, to read its ``ranges``. Raises LostConnectionError for a missing
+    device or port.
     """
     lateness = Lateness(numbered=isinstance(settings, TcpSettings))
     client = _client(settings, lateness)
@@ -251,10 +253,10 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
 
 
 async def _nobody(settings: ModbusSettings) -> LostConnectionError:
-    """Return the reason for a missing connection: the library hides its reason, so the network is
-    asked once more.
+    """Return the reason for a missing connection: the library hides the reason, so the program
+    connects once more.
 
-    A name server that does not answer has no limit of its own: its thread is left running.
+    A name server that does not answer has no time limit: its thread is left running.
     """
     if isinstance(settings, TcpSettings):
         asking = Waiter("modbus again", lambda: None, lambda: None)
@@ -315,8 +317,9 @@ def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
 
 
 def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
-    """Return the data of an answer as they were on the wire; None where it cannot be the answer to
-    ``wanted``."""
+    """Return the data of an answer in wire order; None where it cannot be the answer to
+    ``wanted``.
+    """
     if answer.function_code != _READS[wanted.table][1]:
         return None
     if wanted.table in ("coil", "discrete"):
@@ -328,7 +331,7 @@ def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
 
 
 def _probe(ranges: Sequence[ReadRange]) -> ReadRange:
-    """Return a read at the first range whose answer is as long as that of no range."""
+    """Return a read at the first range with a length of answer that no range has."""
     first = ranges[0] if ranges else ReadRange("holding", 0, 1)
     lengths = {wanted.byte_count for wanted in ranges}
     unit = 8 if first.table in ("coil", "discrete") else 1

@@ -95,8 +95,9 @@ def unreachable(device: str, timeout_s: float) -> LostConnectionError:
 
 
 def unusable(device: str, why: Words) -> LostConnectionError:
-    """Return the error for a port that is there but does not take the line's settings (baud rate,
-    parity)."""
+    """Return the error for a port that exists but does not accept the line's settings (baud rate,
+    parity).
+    """
     remedy = message("do-baud-parity")
     return LostConnectionError(
         device, expected=message("expects-port-settings"), found=why, remedy=remedy

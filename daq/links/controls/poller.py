@@ -1,4 +1,4 @@
-"""Polling the machine on a fixed schedule, as a session that a Reconnector keeps up."""
+"""Polling the machine on a fixed schedule, as a session that a Reconnector keeps running."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -20,16 +20,17 @@ _log = structlog.get_logger(__name__)
 SILENT_POLLS_TO_RECONNECT = 3
 LATER = 1.5
 REFUSED_WAIT_S = 1.0
-"""A device that refuses everything is asked again at this pace: its program may still be
-starting."""
+"""Period in s after which a device that refuses every request is polled again: its program may
+still be starting.
+"""
 
 
 class MachinePoller:
-    """Reads the ranges every ``period_s`` and hands over each block, in the event loop.
+    """Reads the ranges every ``period_s`` and passes on each block, in the event loop.
 
-    The schedule is that of the first poll; polls due while another poll is under way are left out,
-    never queued. ``on_written`` receives every register written: the reason of a refusal, or
-    nothing for success.
+    The schedule starts at the first poll; polls due while another poll is under way are left out,
+    never queued. ``on_written`` receives the result of every register written: the reason of a
+    refusal, or nothing for success.
     """
 
     def __init__(
@@ -50,8 +51,9 @@ class MachinePoller:
         self._late_s = 0.0
 
     async def session(self, report: Report) -> None:
-        """Connect and poll until the device is lost or silent three times in a row. Raises
-        DeviceError."""
+        """Connect and poll until the device is lost or does not answer three times in a row. Raises
+        DeviceError.
+        """
         link = await open_machine(self._settings, self._ranges)
         try:
             await self._poll(link, report)
@@ -59,8 +61,9 @@ class MachinePoller:
             link.close()
 
     def write_soon(self, table: str, address: int, value: int) -> None:
-        """Write one word at once, or as soon as there is a connection and no poll is under way; the
-        latest value wins."""
+        """Write one word at once, or as soon as there is a connection and no poll is under way;
+        only the latest value is written.
+        """
         self._pending = (table, address, value)
         _end(self._rest)
 
@@ -88,7 +91,7 @@ class MachinePoller:
             due += self._period_s * max(1, -((due - clock()) // self._period_s))
 
     def _say_late(self, link: MachineLink) -> None:
-        """Report answers that arrive after their time-out, again whenever they become later by
+        """Report answers that arrive after their time-out, and again whenever the delay grows by
         half.
         """
         if link.lateness.after_s > LATER * self._late_s:
@@ -115,8 +118,8 @@ class MachinePoller:
                 timer.cancel()
 
     async def _write_pending(self, link: MachineLink) -> None:
-        """Write the pending registers. A refused register is not tried again: polling goes on
-        without it.
+        """Write the pending registers. A refused register is not written again: polling goes on
+        without the handshake.
         """
         pending = self._pending
         if pending is None:
@@ -138,7 +141,7 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 
 
 def _describe(link: MachineLink, settings: MachineSettings) -> Words:
-    """Return the address, what is refused of the block, and how late it answers."""
+    """Return the address, the refused parts of the block, and the delay of the answers."""
     late = link.lateness.words
     if not (late or link.refusals):
         return settings.address

@@ -1,9 +1,9 @@
 """Siemens controls over S7 communication (ISO on TCP, port 102): the only user of python-snap7
 (extra ``stepdiag[s7]``).
 
-All ranges are asked for in one telegram, so a block holds the values of one moment of the control's
-cycle. Nothing is retried inside the library: after a missing answer the connection is given up, and
-the next connection asks for the present.
+One telegram requests all ranges, so a block holds the values of one moment of the control's cycle.
+The library repeats no request: after a missing answer the connection is closed, and the next
+connection requests the present values.
 """
 
 import logging
@@ -44,8 +44,8 @@ logging.getLogger("snap7").setLevel(
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
-"""A refused range is asked for again after a second, then after twice as long each time: somebody
-may load the block meanwhile, and the poll with this question is not of a single moment.
+"""A refused range is requested again after a second, then after twice as long each time: the block
+may be loaded meanwhile. The poll with this request does not belong to a single moment.
 """
 _FIREWALL = message("firewall-s7")
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
@@ -94,8 +94,8 @@ class S7Link(BlockingLink):
         self._wait_s = AGAIN_FIRST_S
 
     def _fetch_all(self) -> list[bytes]:
-        """Ask for everything at once. If a part is refused, each range is asked for alone now and
-        then, the others together.
+        """Request all ranges at once. If the control refuses a part, each range is requested
+        separately now and then, and the accepted ranges together.
         """
         wanted = [each for each in self._ranges if each not in self._refused]
         if wanted and not (self._refused and self._clock() >= self._again_s):
@@ -108,7 +108,7 @@ class S7Link(BlockingLink):
         return self._each_alone(None)
 
     def _together(self, wanted: list[ReadRange]) -> dict[ReadRange, bytes]:
-        """Return the bytes of ranges as they were at one moment."""
+        """Return the bytes of ranges, all from one moment."""
         from snap7.type import Area
 
         items = [
@@ -126,8 +126,9 @@ class S7Link(BlockingLink):
         }
 
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
-        """Find out which ranges are refused: nothing of this poll is of one moment. Raises the
-        refusal that none of them explains."""
+        """Find the refused ranges; the values of this poll are not from one moment. Raises the
+        refusal that none of the ranges explains.
+        """
         data = super()._fetch_all()
         self._refused, self._again_s = dict(self.refusals), self._clock() + self._wait_s
         self._wait_s = min(2 * self._wait_s, AGAIN_LONGEST_S) if self._refused else AGAIN_FIRST_S
@@ -154,7 +155,7 @@ class S7Link(BlockingLink):
         )
 
     def _ask(self, what: Message, work: Callable[[], Result]) -> Result:
-        """Do it, and raise what the library raises with a message."""
+        """Run a call of the library; raise its errors with a message."""
         from snap7.error import S7Error, S7TimeoutError
 
         try:
@@ -166,8 +167,9 @@ class S7Link(BlockingLink):
 
 
 async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link:
-    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError
-    with what was found instead of it."""
+    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the state
+    found instead.
+    """
     try:
         from snap7.client import Client
     except ImportError as error:
@@ -219,8 +221,9 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
 
 
 def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
-    """Return the failure of a request: a refusal by the control, bytes that make no sense, or the
-    end of the connection."""
+    """Return the failure of a request: a refusal by the control, bytes that cannot be decoded, or
+    the end of the connection.
+    """
     refused = _REFUSED.search(str(error))
     if refused is not None:
         remedy = _REMEDIES.get(refused["code"], message("do-manual"))

@@ -1,5 +1,5 @@
 """Ports by name: a serial port of this computer, or a line that another computer or a terminal
-server holds out on the network.
+server offers on the network.
 
 /dev/serial/by-id/...       a port of this computer socket://host:port          the bytes of the
 line over TCP, as they are; its baud rate is set at the terminal server rfc2217://host:port
@@ -32,7 +32,7 @@ class NetworkLine:
 def network_line(name: str, field: str = "port") -> NetworkLine | None:
     """Return the line on the network that a port names, None for a port of this computer.
 
-    Raises UsageError that names ``field`` for another scheme, or an invalid host or port.
+    Raises UsageError that names ``field``, for another scheme or an invalid host or port.
     """
     found = _SCHEME.match(name)
     if found is None:
@@ -49,8 +49,9 @@ def network_line(name: str, field: str = "port") -> NetworkLine | None:
 
 
 def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
-    """Return host and port of HOST:PORT or [ADDRESS]:PORT, the port left out where there is a usual
-    one; None for anything else."""
+    """Return host and port of HOST:PORT or [ADDRESS]:PORT, where a usual port may be left out; None
+    for any other text.
+    """
     place = _PLACE.match(text)
     if place is None:
         return None
@@ -62,8 +63,9 @@ def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
 
 
 def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str, int]:
-    """Return host and port as `host_and_port` reads them. Raises UsageError that names ``option``
-    for anything else."""
+    """Return host and port as `host_and_port` reads them. Raises UsageError that names ``option``,
+    for any other text.
+    """
     found = host_and_port(text, usual_port)
     if found is None:
         raise UsageError(option, expected=message("host-forms"), found=repr(text))
@@ -71,10 +73,10 @@ def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str,
 
 
 def can_be_host(name: str) -> bool:
-    """Return whether a name can be looked up at all: every part of it between two dots has 1 to 63
+    """Return whether a name can be looked up: every part of it between two dots has 1 to 63
     letters.
 
-    Python refuses others while looking them up, with an error that is none of the network's.
+    For other names Python raises an error that is not a network error.
     """
     try:
         name.encode("idna")

@@ -1,5 +1,5 @@
 """The device under a port: a descriptor that delivers bytes. `stepdiag.daq.links.ports.port` waits
-for its bytes.
+for the bytes.
 """
 
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from stepdiag.base.messages import Message
 
 LARGEST_READ = 65536
 BUSY_WAIT_S = 0.1
-"""Wait of a read in s on a line that is expected to deliver bytes at any moment."""
+"""Longest wait of a read, in s, on a line that may deliver bytes at any moment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SerialSettings:
-    """A port and how its line is driven. uMD boards need DTR and RTS asserted."""
+    """A port and the settings of its line. uMD boards need DTR and RTS asserted."""
 
     port: str
     baud: int = 115200
@@ -35,18 +35,18 @@ class Device(Protocol):
     detail: Message
     """The line in words, shown to the operator when the line is open."""
     low_latency: bool
-    """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on
-    them."""
+    """Whether bytes arrive at once, instead of after the 16 ms for which a USB adapter may hold
+    them.
+    """
 
     def fileno(self) -> int:
         """Return the descriptor on which poll(2) waits for bytes."""
         ...
 
     def read(self, *, ready: bool) -> bytes:
-        """Return what there is; nothing where nothing came within `BUSY_WAIT_S`, or what came was
-        no data of the line.
+        """Return the waiting bytes; nothing where no byte of the line arrived within `BUSY_WAIT_S`.
 
-        ``ready`` is what poll(2) returned. Raises OSError where the line is gone.
+        ``ready`` is what poll(2) returned. Raises OSError where the line is lost.
         """
         ...
 

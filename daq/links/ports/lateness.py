@@ -6,7 +6,7 @@ from collections.abc import Callable
 from stepdiag.base.messages import Words, message
 
 TRANSACTIONS_KEPT = 64
-"""Requests whose time is kept: an answer later than so many requests is not timed."""
+"""Number of requests whose time is kept: a later answer has no measured delay."""
 
 
 class Lateness:
@@ -14,7 +14,7 @@ class Lateness:
     answer, else 0.
 
     Answers over TCP carry the number of their request (``numbered``). On a serial line, bytes that
-    arrive outside a wait belong to the request before; an answer during a later wait shows by its
+    arrive outside a wait belong to the previous request. An answer during a later wait shows by its
     length that it belongs to an earlier request (`ModbusLink`).
     """
 
@@ -27,7 +27,7 @@ class Lateness:
         self.after_s = 0.0
 
     def trace(self, sending: bool, data: bytes) -> bytes:
-        """Look at bytes that go out or have come in; they are given back as they are."""
+        """Inspect sent or received bytes; return them unchanged."""
         now, number = self._clock(), data[:2] if self._numbered else b""
         if sending:
             self._sent_s, self._awaited = now, number
@@ -42,19 +42,19 @@ class Lateness:
         return data
 
     def given_up(self) -> None:
-        """Take note that the last request was not answered in time."""
+        """Record that the last request was not answered in time."""
         self._missed_s, self._awaited = self._sent_s, None
 
     def answered(self) -> None:
-        """Take note that the last request was answered."""
+        """Record that the last request was answered."""
         self._awaited = None
 
     def was_of_an_earlier(self) -> None:
-        """Note that the last bytes were a late answer."""
+        """Record that the last bytes were a late answer."""
         if self._missed_s:
             self.after_s = max(self.after_s, self._heard_s - self._missed_s)
 
     @property
     def words(self) -> Words:
-        """Return the remedy for late answers; empty while none was seen."""
+        """Return the remedy for late answers; empty while there was none."""
         return message("answers-late", after_s=self.after_s) if self.after_s else ""

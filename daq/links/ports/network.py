@@ -1,9 +1,9 @@
 """A line on the network: ``socket://host:port`` raw, ``rfc2217://host:port`` with its settings
 (`daq.links.ports.device.Device`).
 
-A terminal server that loses its power sends nothing any more, just like an instrument that is
-switched off. So the kernel probes the other end (keep-alive), and a line without an answer for ten
-seconds is lost and made anew.
+A terminal server without power sends nothing, just like an instrument that is switched off. So the
+kernel probes the other end (keep-alive), and a line without an answer for ten seconds is lost and
+opened again.
 """
 
 import contextlib
@@ -27,11 +27,11 @@ from stepdiag.daq.links.ports.device import (
 from stepdiag.daq.links.ports.rfc2217 import ComPort
 
 CONNECT_S = 3.0
-"""Longest time of connecting in s: a firewall may swallow a connection without an answer."""
+"""Longest time of connecting in s: a firewall may drop a connection without an answer."""
 AGREE_S = 2.0
-"""Longest time in s for a terminal server to agree to the settings of its line."""
+"""Longest time in s until a terminal server accepts the settings of its line."""
 _SHOWN = 12
-"""Bytes of something else that are shown."""
+"""Number of foreign bytes that a message shows."""
 ALIVE_AFTER_S, ALIVE_EVERY_S, ALIVE_TIMES = 4, 2, 3
 """Seconds to the first probe and between probes, and their number: ten seconds in all."""
 _REMEDIES = {
@@ -62,7 +62,7 @@ def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
 
 
 class NetworkPort:
-    """A TCP connection whose bytes are those of the line."""
+    """A TCP connection with the bytes of the line, unchanged."""
 
     low_latency = True
 
@@ -93,8 +93,8 @@ class NetworkPort:
         self._connection.sendall(data)
 
     def lost(self) -> dict[LossKind, int]:
-        """Return nothing: TCP loses no byte of a standing connection, and the server does not
-        report its own losses.
+        """Return nothing: TCP loses no byte of an open connection, and the server does not report
+        its own losses.
         """
         return {}
 
@@ -106,7 +106,7 @@ class NetworkPort:
 
 
 class Rfc2217Port(NetworkPort):
-    """The same through Telnet with the com port option."""
+    """The same line through Telnet with the com port option."""
 
     def __init__(self, name: str, connection: socket.socket, codec: ComPort) -> None:
         super().__init__(name, connection)
@@ -143,10 +143,10 @@ def _connect(name: str, line: NetworkLine) -> socket.socket:
 
 
 def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
-    """Return the line once the terminal server has agreed to its settings. Raises DeviceError if it
-    refuses.
+    """Return the line after the terminal server has accepted its settings. Raises DeviceError if
+    the server refuses.
 
-    Bytes of the instrument from before the agreement were read with other settings and are left
+    Bytes of the instrument from before the acceptance were read with other settings and are left
     out.
     """
     codec, other, until_s = ComPort(settings), b"", time.monotonic() + AGREE_S
@@ -173,7 +173,7 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
 
 
 def _heard(codec: ComPort, other: bytes) -> Message:
-    """Return the answer that came instead of an agreement."""
+    """Return the answer received instead of an acceptance."""
     if codec.speaks:
         return message("found-no-agreement", seconds_s=AGREE_S)
     return (

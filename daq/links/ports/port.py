@@ -1,6 +1,6 @@
-"""An open port on any device: waiting for bytes, being woken, and the message of its loss.
+"""An open port on any device: waiting for bytes, being interrupted, and the message of its loss.
 
-Waiting is one poll(2); on a busy line the read itself waits.
+A wait is one poll(2); on a busy line the read itself waits.
 """
 
 import os
@@ -44,8 +44,8 @@ class OpenPort:
         return not self._released.is_set()
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the waiting bytes, waiting for the first byte at most ``timeout_s``; empty without
-        a byte or after a ring.
+        """Return the waiting bytes after a wait of at most ``timeout_s`` for the first byte; empty
+        without a byte or after an interruption.
         """
         ready = self._either.poll(timeout_s * 1e3)
         if any(descriptor == self._line for descriptor, _ in ready):
@@ -56,7 +56,7 @@ class OpenPort:
 
     def read_on(self) -> bytes:
         """Return the next bytes of a busy line; empty after a tenth of a second of silence, or
-        after a ring.
+        after an interruption.
         """
         if self._rang:
             self._quiet()
@@ -76,7 +76,7 @@ class OpenPort:
             self._quiet()
 
     def hurry(self) -> None:
-        """End a pause and a read: the waiting bytes are wanted now."""
+        """End a pause and a read: the waiting bytes are needed now."""
         with self._closing:
             if not self._closed:
                 os.eventfd_write(self._bell, 1)
@@ -95,8 +95,8 @@ class OpenPort:
         self.hurry()
 
     def close(self) -> None:
-        """Close the port. The kernel may take half a minute to close a line, and nothing else waits
-        for the end of this.
+        """Close the port. The kernel may take half a minute to close a line; no other work waits
+        for this.
         """
         with self._closing:
             first, self._closed = not self._closed, True
@@ -115,7 +115,7 @@ class OpenPort:
         return data
 
     def _quiet(self) -> None:
-        """Quiet the bell, unless it rang for good."""
+        """Reset the interruption, unless it is final."""
         with self._closing:
             self._rang = self._released.is_set()
             if not self._rang:

@@ -13,12 +13,16 @@ from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.reconnect import Report
 
 SILENT_AFTER_S = 2.0
-"""Without a byte for so long a line is silent."""
+"""Time in s without a byte after which a line counts as silent."""
 _WATCH_S = 0.25
 _END_TIMEOUT_S = 2.0
-"""A thread that hangs in the kernel longer is left to end by itself: it is a daemon thread."""
+"""Longest wait in s for a thread that hangs in the kernel; then it is left to end by itself, as a
+daemon thread.
+"""
 EVERY_S = 60.0
-"""A line with steady errors reports them once in this time in s, with all of them since."""
+"""A line with steady errors reports them once in this time in s, with all errors since the last
+report.
+"""
 
 
 _T = TypeVar("_T")
@@ -27,7 +31,7 @@ _T = TypeVar("_T")
 class Losses:
     """The losses of a line, reported at readable intervals.
 
-    Counts that only grow since a line was opened become the losses since the last report.
+    Turns counts that only grow since the opening of a line into the losses since the last report.
     """
 
     def __init__(self) -> None:
@@ -35,8 +39,7 @@ class Losses:
         self._rests_until_s = 0.0
 
     def news(self, counted: Mapping[LossKind, int], now_s: float) -> tuple[Message, ...]:
-        """Return what was lost since this last returned something: the first at once, then at most
-        every `EVERY_S`.
+        """Return the losses since the last report: the first at once, then at most every `EVERY_S`.
 
         ``counted`` holds how often each kind of loss came since the line was opened.
         """
@@ -53,10 +56,10 @@ class Losses:
 
 
 class PortThread:
-    """Opens a port in a thread of its own, works on it there, closes it there. An object has one
-    life.
+    """Opens a port in a separate thread, works on it and closes it there. An object is used once.
 
-    The thread cannot end unseen: when ``work`` ends, ``serve`` ends too, by the same exception.
+    The thread cannot end unnoticed: when ``work`` ends, ``serve`` ends too, with the same
+    exception.
     """
 
     def __init__(self, settings: SerialSettings, work: Callable[[OpenPort], None]) -> None:
@@ -69,7 +72,7 @@ class PortThread:
 
     async def serve(self, report: Report) -> None:
         """Run the thread until it ends; report an open line, a silent line, and new bytes. Raises
-        what ended the thread.
+        the exception that ended the thread.
         """
         thread = threading.Thread(
             target=self._main, name=f"serial {self._settings.port}", daemon=True
@@ -124,6 +127,6 @@ class PortThread:
             port.close()
 
     def _tell(self, future: asyncio.Future[_T], value: _T) -> None:
-        """Set a result from the thread; a loop that is closed does not care any more."""
+        """Set a result from the thread; a closed loop no longer needs the result."""
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(future.set_result, value)

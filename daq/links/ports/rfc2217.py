@@ -1,9 +1,9 @@
 """RFC 2217, the com port option of Telnet: a serial line of a terminal server with its settings.
 Bytes in, bytes out; no socket here.
 
-Telnet commands are IAC (255) and more; IAC IAC is one byte 255 of data (RFC 854). The line is data
-both ways, so both sides are asked for binary transmission (RFC 856); option 44 carries the
-settings, each answered by the value that holds (RFC 2217, 3).
+Telnet commands begin with IAC (255); IAC IAC is one byte 255 of data (RFC 854). The line carries
+data in both directions, so both sides are asked for binary transmission (RFC 856). Option 44
+carries the settings, and each answer states the valid value (RFC 2217, 3).
 """
 
 import struct
@@ -18,20 +18,21 @@ _OURS = (_BINARY, _SUPPRESS_GO_AHEAD, _COM_PORT)
 _THEIRS = (_BINARY, _SUPPRESS_GO_AHEAD)
 _BAUD, _SIZE, _PARITY, _STOP, _CONTROL = 1, 2, 3, 4, 5
 _SERVER = 100
-"""Added to a command in its answer."""
+"""Number added to a command in its answer."""
 _PARITIES = {"N": 1, "O": 2, "E": 3}
 _NO_FLOW_CONTROL = 1
 _DTR, _RTS = {True: 8, False: 9}, {True: 11, False: 12}
 _NAMES = {_BAUD: "baud", _SIZE: "data bits", _PARITY: "parity", _STOP: "stop bits"}
 _LONGEST_COMMAND = 256
-"""Bytes of a subnegotiation that are kept: a server without an end mark must not fill the memory.
+"""Largest number of bytes kept of a subnegotiation: a server that sends no end mark must not fill
+the memory.
 """
 State = Literal["data", "iac", "option", "command", "command-iac"]
 
 
 class ComPort:
     """A connection: its answers, and the data of the line in the received bytes. Any split of the
-    bytes gives the same.
+    bytes gives the same result.
     """
 
     def __init__(self, settings: SerialSettings) -> None:
@@ -45,11 +46,13 @@ class ComPort:
         self.speaks = False
         """Whether the other side has sent anything in Telnet."""
         self.refused: Message | None = None
-        """Why the line cannot be used as asked; None while nothing contradicts it."""
+        """Why the line cannot be used with these settings; None while no answer contradicts
+        them.
+        """
 
     @property
     def settled(self) -> bool:
-        """Return whether every setting is agreed upon."""
+        """Return whether every setting is accepted."""
         return bool(self._asked) and self._agreed >= set(self._asked)
 
     @property
@@ -67,13 +70,13 @@ class ComPort:
         )
 
     def answers(self) -> bytes:
-        """Return the answer to what was received; once."""
+        """Return the answer to the received bytes, once."""
         data = bytes(self._answers)
         self._answers.clear()
         return data
 
     def escaped(self, data: bytes) -> bytes:
-        """Return data of the line as they are sent."""
+        """Return data of the line in the form in which they are sent."""
         return data.replace(b"\xff", b"\xff\xff")
 
     def feed(self, data: bytes) -> bytes:
@@ -151,7 +154,7 @@ class ComPort:
             )
 
     def _heed(self, command: bytes) -> None:
-        """Take the answer to a setting."""
+        """Process the answer to a setting."""
         if len(command) < 3 or command[0] != _COM_PORT:
             return
         which, value = command[1] - _SERVER, command[2:]

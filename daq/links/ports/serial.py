@@ -1,6 +1,6 @@
 """Serial lines: a thread that reads and stamps, an event loop that supervises the thread.
 
-The stamp is taken in the reading thread right after the read: through a queue it would be late by
+The reading thread takes the stamp right after the read: after a queue it would be late by
 milliseconds whenever other Python code is busy. A read takes all waiting bytes in one call; reading
 lines would cost three hundred times more.
 """
@@ -27,25 +27,26 @@ ANSWER_TIMEOUT_S = 0.5
 """Longest time in s for the first byte of an answer of a polled instrument."""
 PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
 """Silence in s that ends an answer: longer than the 16 ms for which a USB adapter may hold bytes,
-unless configured otherwise.
+unless the survey file states another.
 """
 GATHER_S = 0.02
-"""Bytes that arrive within this time in s are a chunk: a chunk for each of a thousand lines a
+"""Bytes that arrive within this time in s are one chunk: a chunk for each of a thousand lines a
 second would cost an eighth of a core.
 """
 LARGEST_CHUNK = 16_384
-"""Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a
-second."""
+"""Largest chunk in bytes: even one of the shortest lines only is processed in a tenth of a
+second.
+"""
 BUSY_BYTES_PER_S = 100_000
-"""Above this rate the reader neither sleeps while gathering nor asks for waiting bytes: a pty holds
-4 KiB.
+"""Above this rate the reader neither sleeps while it gathers bytes nor queries the number of
+waiting bytes: a pty holds 4 KiB.
 """
 NEVER_SILENT_S = 3.0
-"""Longest time in s for which a line may go on sending after a missing answer; its bytes of this
-time are thrown away.
+"""Longest time in s for which a line may continue to send after a missing answer; its bytes of this
+time are discarded.
 """
 _READ_S = 0.02
-"""The longest a read waits; after as long a silence what was gathered is handed over."""
+"""The longest wait of a read; after as long a silence the gathered bytes are passed on."""
 
 Respond = Callable[[bytes], bytes]
 """Takes received bytes, returns the answer to them; empty for no answer."""
@@ -55,10 +56,9 @@ reading thread; an exception ends it."""
 
 
 class SerialStream:
-    """A line whose instrument sends by itself; ``session`` is what a Reconnector runs.
+    """A line whose instrument sends by itself; a Reconnector runs its ``session``.
 
-    A chunk is what came within twenty milliseconds; its stamp is that of its last byte, which had
-    just arrived.
+    A chunk holds the bytes of up to twenty milliseconds; its stamp is the arrival of its last byte.
     """
 
     def __init__(
@@ -69,8 +69,8 @@ class SerialStream:
         greeting: bytes = b"",
         responder: Callable[[], Respond] | None = None,
     ) -> None:
-        """``greeting`` is sent whenever the line has been opened, to make the instrument send;
-        ``responder`` makes what answers it.
+        """``greeting`` is sent after every opening of the line, to make the instrument send;
+        ``responder`` makes the answers to the instrument.
         """
         self._settings = settings
         self._on_chunk = on_chunk
@@ -83,7 +83,7 @@ class SerialStream:
         await PortThread(self._settings, self._read).serve(report)
 
     def hurry(self) -> None:
-        """Have what came until now handed over at once; from any thread."""
+        """Pass on the bytes received until now, at once; callable from any thread."""
         if self._port is not None:
             self._port.hurry()
 
@@ -108,9 +108,8 @@ class PolledSerial:
     """A line whose instrument answers requests; every byte of an answer is stamped with the middle
     between request and answer.
 
-    An answer that comes too late would be taken for the answer to the next request: after a timeout
-    the line must be silent for as long again before the next request, and what comes until then is
-    thrown away.
+    A late answer would be assigned to the next request: so after a timeout the line must be silent
+    for as long again before the next request, and bytes until then are discarded.
     """
 
     def __init__(
@@ -123,8 +122,9 @@ class PolledSerial:
         others: Sequence[tuple[bytes, float]] = (),
         greeting: bytes = b"",
     ) -> None:
-        """``others`` are asked for too, each (request, interval in s) when due; ``greeting`` is
-        sent when the line has been opened."""
+        """``others`` are further requests, each (request, interval in s), sent when due;
+        ``greeting`` is sent after the opening of the line.
+        """
         self._settings = settings
         self._on_chunk = on_chunk
         self._request = request
@@ -133,7 +133,7 @@ class PolledSerial:
         self._greeting = greeting
 
     async def session(self, report: Report) -> None:
-        """Ask and hand over answers until the line is lost. Raises DeviceError."""
+        """Send requests and pass on the answers until the line is lost. Raises DeviceError."""
         await PortThread(self._settings, self._poll).serve(report)
 
     def _poll(self, port: OpenPort) -> None:
@@ -156,7 +156,7 @@ class PolledSerial:
             port.pause(due_s - time.monotonic())
 
     def _ask(self, port: OpenPort, gap_s: float, request: bytes) -> bool:
-        """Send a request and hand over the answer; return False where none came in time."""
+        """Send a request and pass on the answer; return False without an answer in time."""
         port.write(request)
         sent_ns = stamp_ns()
         data = port.read(ANSWER_TIMEOUT_S)
@@ -190,8 +190,8 @@ def instrument_line(
 
 
 class _Pace:
-    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on a line so slow that no
-    byte would arrive meanwhile.
+    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on a slow line on which
+    no byte would arrive meanwhile.
     """
 
     def __init__(self) -> None:
@@ -199,7 +199,7 @@ class _Pace:
         self._since_s = time.monotonic()
 
     def note(self, size: int, reads: int) -> None:
-        """Take the size of a chunk and the number of its reads."""
+        """Record the size of a chunk and the number of its reads."""
         now_s = time.monotonic()
         self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
         self._since_s = now_s
@@ -207,8 +207,8 @@ class _Pace:
 
 
 def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, int]:
-    """Return the bytes that wait and that arrive within ``seconds``, the time of the last byte, and
-    the number of reads with bytes.
+    """Return the waiting bytes and those that arrive within ``seconds``, the time of the last byte,
+    and the number of reads with bytes.
 
     At least two reads: the first may find old bytes, the second waits for a new byte. Bytes from
     before the loss of the line are returned; the next read reports the loss.
@@ -225,8 +225,9 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
 
 
 def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
-    """Return the bytes of a read; nothing where the line is lost and there are bytes to hand over
-    first."""
+    """Return the bytes of a read; nothing where the line is lost and there are still bytes to pass
+    on.
+    """
     try:
         return port.read_on() if busy else port.read(_READ_S)
     except DeviceError:
@@ -236,8 +237,8 @@ def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
 
 
 def _await_silence(port: OpenPort) -> None:
-    """Throw away bytes until the line is silent. Raises DeviceError for a line that never falls
-    silent: nothing is asked there.
+    """Throw away bytes until the line is silent. Raises DeviceError for a line that never becomes
+    silent: no request is sent there.
     """
     until_s = time.monotonic() + NEVER_SILENT_S
     while port.wanted and (data := port.read(ANSWER_TIMEOUT_S)):

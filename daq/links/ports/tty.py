@@ -1,7 +1,7 @@
 """A serial port of this computer (`daq.links.ports.device.Device`).
 
-pyserial sets the line up; reading is one read(2) here: pyserial's ``read`` makes four calls, each
-of which lets go of the interpreter and may wait for it, and costs twice the time.
+pyserial sets the line up; reading is one read(2) here. pyserial's ``read`` makes four calls, each
+of which releases the interpreter and may wait for it, and takes twice the time.
 """
 
 import errno
@@ -42,8 +42,9 @@ _LOSSES: dict[int, LossKind] = {
 
 
 class Tty:
-    """An open serial port. Raises DeviceError where it does not open, or does not take the
-    settings."""
+    """An open serial port. Raises DeviceError where the port does not open, or does not accept the
+    settings.
+    """
 
     def __init__(self, settings: SerialSettings) -> None:
         try:
@@ -75,7 +76,9 @@ class Tty:
         return self._line
 
     def read(self, *, ready: bool) -> bytes:
-        """Return the bytes that have arrived. A line that was ready and gives none is lost."""
+        """Return the bytes that have arrived. A line that was ready and delivers no byte is
+        lost.
+        """
         data = os.read(self._line, LARGEST_READ)
         if ready and not data:
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
@@ -113,8 +116,9 @@ class Tty:
 
 
 def _let_reads_wait(line: int) -> None:
-    """Have a read of an empty line wait, instead of failing at once as pyserial leaves it
-    (termios(3): in tenths of a second)."""
+    """Make a read of an empty line wait, instead of failing at once as pyserial sets it
+    (termios(3): in tenths of a second).
+    """
     attributes = termios.tcgetattr(line)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, round(BUSY_WAIT_S * 10)
     termios.tcsetattr(line, termios.TCSANOW, attributes)
@@ -122,8 +126,9 @@ def _let_reads_wait(line: int) -> None:
 
 
 def _set_low_latency(port: serial.Serial) -> bool:
-    """Ask the adapter not to sit on bytes (FTDI: 1 ms instead of 16); return whether it agreed.
-    Many ports have no such mode."""
+    """Make the adapter pass on bytes sooner (FTDI: after 1 ms instead of 16); return whether it
+    accepted. Many ports lack this mode.
+    """
     try:
         port.set_low_latency_mode(True)
     except (ValueError, OSError, NotImplementedError):

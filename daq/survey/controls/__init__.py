@@ -1,8 +1,8 @@
 """Controls by name: the ``[plc]`` section of a survey for each kind of control, as ``stepdiag
 setup`` writes it.
 
-A file per control, to be read directly; each file names the source of its addresses and the part
-that is only recalled.
+A file per control, readable directly; each file names the source of its addresses, and the
+addresses that are only recalled.
 """
 
 from importlib.resources import files
@@ -14,8 +14,9 @@ CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
 
 
 def control_section(name: str, host: str) -> str:
-    """Return what follows ``[plc]`` in a survey file for the control of this name at ``host``, with
-    its comments. Raises UsageError."""
+    """Return the text after ``[plc]`` in a survey file for the control of this name at ``host``,
+    with its comments. Raises UsageError.
+    """
     if name not in CONTROLS:
         raise UsageError(
             "control", expected=message("one-of", names=list(CONTROLS)), found=repr(name)

@@ -22,8 +22,9 @@ NODES = 9
 COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
 _SHIFTED = 3
-"""With so many points from either end a table is tried at the ends of the travel: a wrong number or
-reference moves it by few points."""
+"""Number of points from either end for which the table is compared at the ends of the travel: a
+wrong number or reference shifts it by few points.
+"""
 _EXCUSED = 0.25
 """Share of a correction that its uncertainty may hide."""
 
@@ -41,7 +42,7 @@ class TableCase:
 
     @property
     def is_slope(self) -> bool:
-        """Return whether the table is one number, the slope of a straight line."""
+        """Return whether the table consists of one number, the slope of a straight line."""
         return len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
 
     def fit(self, curve: Curve, shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> Fit | None:
@@ -77,22 +78,24 @@ class TableCase:
         )
 
     def place_mm(self, curve: Curve, fit: Fit) -> float:
-        """Return the point of the table that is nearest to the largest rest of a regression on a
-        curve."""
+        """Return the point of the table that is nearest to the largest residual of a regression on
+        a curve.
+        """
         first, last = curve.position_mm[[0, -1]]
         own = self.table.position_mm
         at = np.linspace(max(first, own[0]), min(last, own[-1]), POINTS)[fit.largest_index]
         return float(min(own, key=lambda mm: abs(mm - at)))
 
     def slope_left_um_mm(self, curve: Curve) -> float:
-        """Return the slope in um/mm of what is left of a curve."""
+        """Return the slope in um/mm of the residual of a curve."""
         at = np.linspace(curve.position_mm[0], curve.position_mm[-1], POINTS)
         left = self._sum_um(self.together, at) - self._sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
 
     def fit_product(self, result: Result, moving: int, by: int) -> Fit:
-        """Return the regression of what grows with the lever along ``by`` on the same part of the
-        result's field."""
+        """Return the regression of the part that grows with the lever along ``by`` on the same part
+        of the result's field.
+        """
         points = grid_points_mm(self.volume, NODES)
         axis = AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
@@ -103,8 +106,8 @@ class TableCase:
         return regress(done, asked, sure_um=SURE_UM / 2.0)
 
     def unstepped(self, curve: Curve) -> Curve:
-        """Return a residual without the steps of the tables active during the measurement: no table
-        asks for them (`tables.merge`).
+        """Return a residual without the steps of the tables that were active during the
+        measurement: no table needs these steps (`tables.merge`).
         """
         stepped = [
             each
@@ -125,8 +128,8 @@ class TableCase:
         return replace(curve, forward_um=curve.at(at) - steps / 2.0, reverse_um=None)
 
     def _sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
-        """Return what tables do at positions, mean of both directions, steps joined by straight
-        lines, in um.
+        """Return the movement by tables at positions, mean of both directions, steps joined by
+        straight lines, in um.
 
         Of a product that counts which is the same everywhere in the volume: its mean over the other
         axis.
@@ -141,7 +144,7 @@ class TableCase:
         )
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
-        """Return what a table moves along the input axis of the judged one."""
+        """Return the movement by a table along the input axis of the judged table."""
         if table.multiplier is None:
             return correction_um(table, position_mm, way)
         times = table.multiplier.at
@@ -171,9 +174,9 @@ def cases_shifted(case: TableCase, low_mm: float, high_mm: float) -> Iterator[fl
 
 def growing_um(values: Vector, moving: int, by: int) -> Vector:
     """Return, at the nodes of the axis ``moving``, the part of values on a grid that grows with the
-    lever along ``by``, at the end of the lever.
+    lever along ``by``, for the end of the lever.
 
-    The part of a single axis' curves, a mean along each axis, is taken off.
+    The curves of single axes, means along each axis, are subtracted first.
     """
     (other,) = {0, 1, 2} - {moving, by}
     left = values - np.mean(values)
@@ -193,6 +196,5 @@ def centred(values: Vector) -> Vector:
 
 
 def typical_u(curve: Curve) -> float:
-    """Return the standard uncertainty of a curve in um (rms over its nodes), 0 where nothing is
-    known of it."""
+    """Return the standard uncertainty of a curve in um (rms over its nodes), 0 if it is unknown."""
     return rms(curve.u_um[np.isfinite(curve.u_um)])

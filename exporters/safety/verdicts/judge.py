@@ -2,7 +2,7 @@
 the causes of `regression`.
 
 The comparison uses the movement, by the control's law, of the table and of all tables that act
-beside it, and the curve that the export would write, as far as the table has points for it.
+together with it, and the curve that the export would write, at the points of the table.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,7 +38,7 @@ def judge(
     control afterwards, old tables among them.
 
     Tables that act together (two directions, two kinds for a function) are judged by their sum. A
-    table of a function outside the request that goes on as before is "kept".
+    table of a function outside the request that stays as before is "kept".
     """
     after, before = standing.acting(result, profile)
     wanted = Wanted(result)
@@ -218,8 +218,8 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
 
 
 def _acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` counts for the judgement of ``other``: the same function, and for a
-    curve the effect of products along its axis.
+    """Return whether ``one`` is judged together with ``other``: the same function, and for a curve
+    the products that move along its axis.
 
     Products of a function and lever count together, in any place: a new product may do the work of
     an old product under other numbers.
@@ -264,7 +264,7 @@ def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | Non
 
 
 def _emptied(case: TableCase) -> Judgement | None:
-    """Return a judgement of zeros beside another table that does the work."""
+    """Return a judgement of a table of zeros if another table makes the correction."""
     if case.table.value_um.any() or not any(each.value_um.any() for each in case.together):
         return None
     return _says(case, "empty", message("zeros-nothing-acts-from"))
@@ -276,9 +276,9 @@ def judge_missing(
     """Yield a judgement for each function of the profile requested by the result, possible on this
     control, and missing in ``new``.
 
-    Files that correct nothing lack nothing: they take old tables out. Without a profile the files
-    may hold each squareness in either of its two functions; the distribution with the fewest gaps
-    counts.
+    Files without any correction lack no function: they remove old tables. Without a profile the
+    files may hold each squareness in either of its two functions; the distribution with the fewest
+    missing functions is used.
     """
     if not any(table.value_um.any() for table in new):
         return
@@ -299,8 +299,8 @@ def judge_missing(
 def _asked(
     result: Result, controller: Controller, profile: Profile, fold: Mapping[str, str]
 ) -> Iterator[Curve]:
-    """Yield the curves of a profile known to the result, beyond rounding, and with tables on the
-    control.
+    """Yield the curves of a profile that the result contains, that exceed rounding, and that have
+    tables on the control.
     """
     known = [name for name in profile.machine.functions if is_known(result, name, fold)]
     fit = fitted(result, known, fold, profile.zone)

@@ -1,5 +1,5 @@
-"""A lattice judged function by function: its addition is taken apart into curves and products, each
-judged like a table.
+"""A lattice judged function by function: its addition is separated into curves and products, and
+each is judged like a table.
 
 The curves are the means over the other two axes, the slope of each pair in the function with the
 squareness by the contract; the part that grows with a lever is a product. Together they are the
@@ -48,8 +48,9 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
 
 
 def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...]:
-    """Return what a lattice adds as tables: a curve for each of the nine functions in their order,
-    then what grows with a lever."""
+    """Return the addition of a lattice as tables: a curve for each of the nine functions in their
+    order, then the parts that grow with a lever.
+    """
     return (
         *(_curve(name, moved_um, axes_mm, volume) for name in FUNCTIONS),
         *_products(moved_um, volume),
@@ -80,7 +81,7 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
 
 
 def _nodes_mm(volume: Volume) -> list[Vector]:
-    """Return the positions along each axis at which a field is taken apart."""
+    """Return the positions along each axis at which a field is separated."""
     return [
         np.linspace(low, low + size, NODES)
         for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
@@ -100,8 +101,8 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     """Return the mean of the movement of an output axis over the volume, at the vertices along one
     axis of the lattice.
 
-    Nothing more is asked of a lattice than of a table: the right value at its own points, whatever
-    its spacing cannot hold between them.
+    A lattice has the same requirement as a table: the right value at its own points, whatever its
+    spacing cannot hold between them.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
     along = _nodes_mm(volume)
@@ -127,8 +128,9 @@ def _folded(tables: list[Table]) -> list[Table]:
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
-    """Yield what grows with a lever, for every output, axis and lever where it is more than
-    nothing."""
+    """Yield the part that grows with a lever, for every output, axis and lever where it exceeds
+    rounding.
+    """
     points = grid_points_mm(volume, NODES)
     moved = moved_um(points)
     for output in range(3):

@@ -1,20 +1,21 @@
-"""Theory of operation: is this table right? The only place of this decision.
+"""Theory of operation: the test whether a table is right. This decision is made only in this
+module.
 
 The movement by the files, by the control's law, is regressed on the result's request, function by
 function:
 
     moved = factor * asked + rest
 
-The factor is 1 for a right table and -1 for a turned sign; it is 1 for another function if two
-tables are swapped, and at another place if the table lies beside the volume; any other factor with
-a small rest is a table of the wrong size. A large rest is a table of something else, and a movement
-of nothing a missing table. The rest is at right angles to the request, so a table's residue of an
-error follows from the two: hypot(1 - factor, rest / asked).
+The factor is 1 for a right table and -1 for a turned sign; if two tables are swapped, the factor
+for another function is 1; if the table lies beside the volume, the factor at another place is 1;
+any other factor with a small rest means a table of the wrong size. A large rest means a table of
+another function or machine, and a movement of zero a missing table. The rest is at right angles to
+the request, so a table's residue of an error follows from the two: hypot(1 - factor, rest / asked).
 
 Sizes are rms over points of equal weight with their means taken off: an origin is no error. Three
 sizes excuse a difference. ``sure_um`` is the part hidden by rounding and the result's uncertainty.
-``unheld_um`` is the part that the points of the table cannot hold. ``spike_um`` is the largest
-plausible scatter at a single place by these two and a tolerated size.
+The part ``unheld_um`` is the one that the points of the table cannot hold. The value ``spike_um``
+is the largest plausible scatter at a single place by these two and a tolerated size.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,8 +27,8 @@ import numpy as np
 from stepdiag.base.volume import Vector, rms
 
 SAME = 0.4
-"""Largest residue of an error, as a share, under a right table: the change found by another survey
-of an ordinary machine.
+"""Largest residue of an error, as a share, with a right table: the change that another survey of an
+ordinary machine finds.
 """
 SIZED = 0.15
 """Largest share by which a table may differ in size from the right table: rounding stays below it
@@ -38,23 +39,24 @@ ALIKE = 0.9
 table of the right size.
 """
 OTHER, EXACT = 0.35, 0.1
-"""Largest residue of another function for its name; and the residue of a clear case of another
-function or place, which goes before a size.
+"""Largest residue at which another function is named; and the residue of a clear case of another
+function or place, which has priority over a size.
 """
 SPIKE = 3.0
-"""Largest excused difference of a table at a single place over the excused size: about the largest
-of a normal scatter.
+"""Largest excused difference of a table at a single place, relative to the excused size: about the
+largest value of a normal scatter.
 """
 SURE_UM = 0.2
-"""Movements below this are not separated from rounding and noise."""
+"""Movements below this value cannot be separated from rounding and noise."""
 
 Cause = Literal["right", "missing", "sign-turned", "other", "beside", "scaled", "spike", "unlike"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """One regression. ``asked_um`` is the size of what was asked for, ``size_um`` that of the
-    error, which a share is a share of."""
+    """One regression. The size of the request is ``asked_um``; ``size_um`` is the size of the
+    error, to which shares refer.
+    """
 
     factor: float
     asked_um: float
@@ -73,12 +75,13 @@ class Fit:
 
     @property
     def alike(self) -> float:
-        """Return the correlation of movement and what was asked for."""
+        """Return the correlation of the movement and the request."""
         return self.factor * self.asked_um / self.moved_um if self.moved_um > 0.0 else 0.0
 
     def left(self, factor: float = 1.0) -> float:
-        """Return the share of the error that is left where ``factor`` times what is asked for would
-        leave nothing."""
+        """Return the share of the error that would remain if the request times ``factor`` were
+        exact.
+        """
         left_um = float(np.hypot((self.factor - factor) * self.asked_um, self.rest_um))
         return float(np.maximum(0.0, left_um - self.unheld_um)) / max(self.size_um, self.sure_um)
 
@@ -89,13 +92,14 @@ class Fit:
 
     @property
     def is_large(self) -> bool:
-        """Return whether the error is more than what rounding and uncertainty hide."""
+        """Return whether the error exceeds the part that rounding and uncertainty can hide."""
         return self.size_um > self.sure_um
 
     @property
     def is_alike(self) -> bool:
-        """Return whether the movement corrects the error in its right size, one place aside, or
-        both are too small to separate."""
+        """Return whether the movement corrects the error in its right size, except at one place, or
+        both are too small to separate.
+        """
         off_um = abs(self.factor - 1.0) * self.asked_um - self.unheld_um
         unsure = self.sure_um / max(self.size_um, self.sure_um)
         small = max(self.size_um, self.moved_um) < self.sure_um
@@ -157,9 +161,9 @@ def explain(
     """Return the explanation of a movement by its regressions on its ``own`` function, a regression
     per possible form of the request.
 
-    ``turned`` are the same with the workpiece turned: they show what is right and explain nothing
-    else. ``others`` are regressions on the other functions, ``shifted`` regressions at other
-    places; they are computed only on demand.
+    The regressions ``turned`` are the same with the workpiece turned: they can only show that a
+    table is right. ``others`` are regressions on the other functions, ``shifted`` regressions at
+    other places; they are computed only on demand.
     """
     every = (*own, *turned)
     right = [fit for fit in every if fit.is_right]
@@ -200,11 +204,11 @@ def explain(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The regression of what a laser measured on what several tables do: ``factor`` and ``u`` (k =
-    1) of each, shape (tables,).
+    """The regression of a measurement by a laser on the effects of several tables: ``factor`` and
+    ``u`` (k = 1) of each, shape (tables,).
 
-    ``weigh`` (rows, readings) brings readings to equal scatter ``sigma_um`` and takes out what is
-    free beside the tables; ``values`` are the measured ones so weighed.
+    The matrix ``weigh`` (rows, readings) gives readings equal scatter ``sigma_um`` and removes the
+    free columns; ``values`` are the weighted measured values.
     """
 
     factor: Vector
@@ -216,8 +220,9 @@ class Measured:
     def factor_of(
         self, table_um: Vector, beside_um: Vector, others_um: Sequence[Vector] = ()
     ) -> tuple[float, float]:
-        """Return the factor of a table with its u, after ``beside_um`` is taken off the readings,
-        and beside others of any size; u is infinite where these hide it."""
+        """Return the factor of a table with its u, after ``beside_um`` is subtracted from the
+        readings, with other tables of any size; u is infinite where these hide the table.
+        """
         column = self.weigh @ table_um
         if others_um:
             others = self.weigh @ np.column_stack(others_um)
@@ -236,17 +241,19 @@ class Measured:
 
 
 HIDDEN = 1e-9
-"""Share of a table that rounding alone leaves beside others that move the laser as it does."""
+"""Share of a table that rounding alone leaves if other tables move the laser in the same way."""
 LEAST_SCATTER_UM = 0.1
-"""No laser and no axis scatters by less; a fit of few readings can seem to."""
+"""No laser and no axis has a smaller scatter; the fit of a few readings can show a smaller one by
+chance.
+"""
 
 
 def measured(
     values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector
 ) -> Measured:
     """Return the regression of readings (N,) on tables (N, T), with the columns ``free`` beside
-    them, and the columns ``held`` (N, H) within a standard deviation of 1 each. ``scatter`` (N, N)
-    is the covariance of the readings except for its size, which the rest shows.
+    them, and the columns ``held`` (N, H) within a standard deviation of 1 each. The covariance of
+    the readings is ``scatter`` (N, N) except for its size, which the residuals show.
     """
     size_um = 1.0
     for _ in range(

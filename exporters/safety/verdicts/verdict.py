@@ -22,15 +22,15 @@ Code = Literal[
     "unlike",
 ]
 HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"})
-"""Verdicts that do not stop anybody from loading a file."""
+"""Verdicts with which a file may still be loaded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
     """The verdict on a table, or on a function without a table (``table`` None).
 
-    ``factor`` is the table's size against the right table, ``rms_um`` and ``largest_um`` are its
-    difference from the right table at this size, along the axis; None without a comparison.
+    The ``factor`` is the table's size relative to the right table, ``rms_um`` and ``largest_um``
+    are its difference from the right table at this size, along the axis; None without a comparison.
     """
 
     function: str
@@ -48,7 +48,7 @@ class Judgement:
 
     @property
     def harmless(self) -> bool:
-        """Return whether the table may be loaded as far as this goes."""
+        """Return whether the table may be loaded by this verdict."""
         return self.code in HARMLESS
 
     def as_json(self) -> dict[str, object]:

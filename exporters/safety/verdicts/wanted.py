@@ -50,8 +50,9 @@ class Wanted:
 
 
 def _with_slope_u(curve: Curve, result: Result) -> Curve:
-    """Return a curve whose uncertainty holds that of the squareness in its slope, about the middle
-    of its travel."""
+    """Return a curve whose uncertainty includes that of the squareness in its slope, about the
+    middle of its travel.
+    """
     squares = [
         result.squareness[part].u or 0.0 for part in curve.parts if part in result.squareness
     ]

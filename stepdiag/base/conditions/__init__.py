@@ -1,4 +1,4 @@
-"""Air, expansion, and what is assumed of a machine where nothing measured it.
+"""Air, expansion, and the assumptions about a machine where no measurement exists.
 
 In: temperatures, pressure, humidity. Out: refractive index, growth and their uncertainties.
 Imported by daq and the solver.

@@ -1,4 +1,4 @@
-"""The refractive index of air and what it does to an interferometer's length.
+"""The refractive index of air and its effect on an interferometer's length.
 
 Two equations of the index, both with the IAPWS saturation vapour pressure and both checked against
 the values that NIST publishes: the modified Edlen equation (Birch and Downs 1994 with the water
@@ -35,17 +35,17 @@ HALL = {
     "air_pressure_hpa": (600.0, 1100.0),
     "relative_humidity_percent": (0.0, 100.0),
 }
-"""Possible conditions of a machine hall: above the first number, up to the second. Registers never
-written hold 0, a pressure in kPa 101.
+"""Possible conditions of a machine hall: above the first number, up to the second. Registers that
+were never written hold 0; a pressure in kPa reads 101.
 """
 
 
 class Done(enum.Flag):
-    """Corrections that the instrument has already made to its length; the others are made here, and
-    none twice.
+    """Corrections that the instrument has already made to its length; the program makes only the
+    others.
 
-    ``WAVELENGTH``: divided by the index of the air at this moment. ``DEAD_PATH``: corrected the
-    path that was not zeroed. ``EXPANSION``: reduced to 20 C of the material.
+    ``WAVELENGTH``: the length is divided by the present index of the air. ``DEAD_PATH``: the path
+    that was not zeroed is corrected. ``EXPANSION``: the length is reduced to 20 C of the material.
     """
 
     NOTHING = 0
@@ -64,7 +64,7 @@ class Air:
     humidity_percent: Vector
 
     def __post_init__(self) -> None:
-        """Take anything array-like and refuse impossible values of a sensor in air."""
+        """Return an array of the values, and refuse impossible values of a sensor in air."""
         fields = zip(
             ("temperature_c", "pressure_hpa", "humidity_percent"), _PLAUSIBLE.items(), strict=True
         )
@@ -167,8 +167,9 @@ def refractive_index(
 
 
 def correction_factor(index: ArrayLike, done: Done) -> Vector:
-    """Return the factor per stop that turns the instrument's length into the length in this air,
-    shape (N,)."""
+    """Return the factor per stop from the instrument's length to the length in this air, shape
+    (N,).
+    """
     n = np.asarray(index, dtype=np.float64)
     factor: Vector = np.ones_like(n) if Done.WAVELENGTH in done else 1 / n
     return factor
@@ -199,7 +200,7 @@ EQUATION_U = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirUncertainty:
-    """Standard uncertainties (k = 1) of the sensors' values for the air in the beam."""
+    """Standard uncertainties (k = 1) of the sensors' values as values of the air in the beam."""
 
     temperature_c: float
     pressure_hpa: float
@@ -223,8 +224,9 @@ def index_u(air: Air, vacuum_wavelength_nm: float, u: AirUncertainty) -> Vector:
 
 
 def _sensitivity(air: Air, vacuum_wavelength_nm: float, name: str, half: float) -> Vector:
-    """Return d index / d quantity from the two sides; at the ends of the scale from the side that
-    exists."""
+    """Return d index / d quantity from both sides; at the ends of the range from the one valid
+    side.
+    """
     state = {
         field: getattr(air, field)
         for field in ("temperature_c", "pressure_hpa", "humidity_percent")

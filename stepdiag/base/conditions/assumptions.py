@@ -52,8 +52,9 @@ FEEDBACKS: Mapping[str, Mapping[str, float]] = {
     "screw": {"good": 0.7, "ordinary": 1.5, "poor": 3.0},
     "scale": {"good": 0.1, "ordinary": 0.15, "poor": 0.3},
 }
-"""``between_um`` by position feedback and class. A rotary encoder on a ball screw: waves of 1 to 3
-um, once or twice a pitch; a linear scale leaves what it interpolates wrongly."""
+"""``between_um`` by position feedback and class. A rotary encoder on a ball screw has waves of 1 to
+3 um, once or twice a pitch; a linear scale has the error of its interpolation.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,20 +64,20 @@ class Assumptions:
     size on this machine; otherwise the stated size stands.
 
     ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad``
-    overrides this range for single functions. ``drift_um`` *: straight drift in one pass without
-    return; ``wander_um`` *: sum of the drift beside the straight drift by the end of a pass.
-    ``repeatability_um`` *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely
-    if the readings show it. ``setup_c`` *: temperature of the machine from setup to setup.
-    ``growth_um_m`` *: growth of the axes from the first to the last reading of the survey, seen by
-    no sensor. ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` its standard
-    uncertainty. ``index``: relative, of the air's index and the laser's wavelength, a single error
-    for the whole survey; ``index_setup`` its unseen change between setups. ``alignment_mrad``:
-    largest angle of a beam to mirror or travel. ``between_um``: waves of the positioning functions
-    too short for the targets. ``reading_um`` serves for a stop without its own. ``material_c``:
-    temperature of the axes, ``u_material_c`` its standard uncertainty, part of the uncertainty of
-    lengths at 20 C, thus of the readings if ``reduced_to_20_c``; ``material_stated`` if the user
-    states it. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of a machine of its
-    class without a measurement.
+    overrides this range for single functions. ``drift_um`` *: linear drift in one pass without
+    return; ``wander_um`` *: sum of the further drift by the end of a pass. ``repeatability_um`` *:
+    scatter of one approach of one axis to a target; 0.05 to 3 um are likely if the readings show
+    it. ``setup_c`` *: change of the machine's temperature from setup to setup. ``growth_um_m`` *:
+    growth of the axes from the first to the last reading of the survey that no sensor shows.
+    ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` its standard uncertainty.
+    ``index``: relative, of the air's index and the laser's wavelength, a single error for the whole
+    survey; ``index_setup`` its unseen change between setups. ``alignment_mrad``: largest angle of a
+    beam to mirror or travel. ``between_um``: waves of the positioning functions too short for the
+    targets. ``reading_um`` is used for a stop without its own noise. ``material_c``: temperature of
+    the axes, ``u_material_c`` its standard uncertainty, part of the uncertainty of lengths at 20 C,
+    thus of the readings if ``reduced_to_20_c``; ``material_stated`` if the user states it.
+    ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of a machine of its class without
+    a measurement.
     """
 
     angles_urad: float = 15.0
@@ -102,8 +103,9 @@ class Assumptions:
     scale_um_m: float = 20.0
 
     def u_grown_um_m(self) -> Vector:
-        """Return what is uncertain about how far each axis is from its length at 20 C, in um/m,
-        shape (3,)."""
+        """Return the uncertainty of each axis' difference from its length at 20 C, in um/m, shape
+        (3,).
+        """
         excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
         u: Vector = np.hypot(
             np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c
@@ -111,8 +113,9 @@ class Assumptions:
         return u
 
     def stated(self) -> Assumed:
-        """Return the sizes as a result states them; relative ones in ppm, since 2e-7 is nothing in
-        the six decimals of a result."""
+        """Return the sizes as a result states them; relative ones in ppm, since 2e-7 would be zero
+        in the six decimals of a result.
+        """
         sizes = asdict(self)
         index, index_setup = (1e6 * sizes.pop(name) for name in ("index", "index_setup"))
         return Assumed(index_ppm=index, index_setup_ppm=index_setup, **sizes)

@@ -1,5 +1,5 @@
-"""Files as the operating system sees them: hidden places to write in, locks, what is on the disk,
-and what differs between systems.
+"""Files as the operating system sees them: hidden places for writing, locks, syncing to the disk,
+and the differences between systems.
 
-In: paths and bytes. Out: files that appear whole. Imported by every floor that writes.
+In: paths and bytes. Out: files that appear complete. Imported by every floor that writes.
 """

@@ -1,5 +1,5 @@
-"""Hidden places: a file is written there whole before it gets its name, and a killed writer leaves
-no growing heap.
+"""Hidden places: a file is completed there before it gets its name, and an interrupted writer
+leaves no growing remains.
 
 Every writer that replaces or creates a file goes through `part_of`: its hidden folder stands beside
 the target, is locked while its writer lives, and is removed by the next writer of the same target
@@ -21,8 +21,8 @@ SUFFIX = ".part"
 
 @contextmanager
 def part_of(target: Path) -> Iterator[Path]:
-    """Yield a new hidden folder beside ``target`` to write into; at the end it is gone with all its
-    contents. Raises OSError.
+    """Yield a new hidden folder beside ``target`` for writing; at the end it is removed with all
+    its contents. Raises OSError.
     """
     for left in _of_target(target):
         _remove_abandoned(left)
@@ -37,7 +37,7 @@ def part_of(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def folder_made(folder: Path) -> Iterator[None]:
-    """Make a folder with its parents for the work inside; after a failure, the folders made are
+    """Make a folder with its parents for the enclosed work; after a failure, the folders made are
     removed. Raises OSError.
     """
     with undone_on_failure() as undo:
@@ -49,14 +49,14 @@ def folder_made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def undone_on_failure() -> Iterator[ExitStack]:
-    """Yield a stack of steps back, which are taken where what is done inside fails."""
+    """Yield a stack of undo steps, which are executed if the enclosed work fails."""
     with ExitStack() as undo:
         yield undo
         undo.pop_all()
 
 
 def write_through(path: Path, data: bytes) -> None:
-    """Write a new file, readable by everybody, onto the disk. Raises OSError."""
+    """Write a new file, readable by everybody, and sync it to the disk. Raises OSError."""
     with path.open("xb") as file:
         file.write(data)
         file.flush()
@@ -66,8 +66,9 @@ def write_through(path: Path, data: bytes) -> None:
 
 
 def publish_new(written: Path, target: Path) -> None:
-    """Give a written file a name that is free. Raises FileExistsError where it is taken, OSError
-    for what the disk refuses."""
+    """Rename a written file to a free name. Raises FileExistsError where the name is taken, OSError
+    where the disk refuses.
+    """
     try:
         target.hardlink_to(written)
     except FileExistsError:
@@ -91,7 +92,7 @@ def _of_target(target: Path) -> list[Path]:
 
 def _remove_abandoned(part: Path) -> None:
     """Remove a hidden folder without a lock; if the file system has no locks, or another process
-    removes it, it stays.
+    removes the folder, it remains.
     """
     with suppress(OSError):
         handle = open_folder(part)
@@ -104,7 +105,7 @@ def _remove_abandoned(part: Path) -> None:
 
 def _held_folder(target: Path) -> tuple[Path, int | None]:
     """Return a new hidden folder and the handle that keeps it locked; a folder that another writer
-    took for abandoned meanwhile is made anew.
+    removed meanwhile as abandoned is made again.
     """
     while True:
         part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
@@ -118,7 +119,7 @@ def _held_folder(target: Path) -> tuple[Path, int | None]:
 
 
 def _locked(handle: int) -> bool:
-    """Lock a folder; return whether the lock is this writer's. On a file system without locks no
+    """Lock a folder; return whether this writer has the lock. On a file system without locks no
     folder is removed.
     """
     try:

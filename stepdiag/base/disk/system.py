@@ -1,8 +1,8 @@
 """The differences between operating systems, in one place: locks, folders on the disk, a process's
 priority.
 
-Recording needs Linux. Commands that work on files alone run wherever Python does: a feature that a
-system lacks is left out here, and the function names a cost if any.
+Recording needs Linux. Commands that only work on files run wherever Python does: a missing feature
+of a system is left out here, and the function states the cost, if any.
 """
 
 import errno
@@ -20,12 +20,12 @@ LINUX = sys.platform == "linux"
 NEW_FILE = (
     os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 )
-"""Flags of a new file whose bytes are written unchanged: without O_BINARY Windows puts a return
-before each line feed.
+"""Flags of a new file whose bytes are written unchanged: without O_BINARY Windows inserts a
+carriage return before each line feed.
 """
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)
 FOLDERS_OPEN = hasattr(os, "O_DIRECTORY")
-"""Whether this system opens folders, to lock them and to have their names on the disk."""
+"""Whether this system opens folders, to lock them and to sync their names to the disk."""
 
 
 def sync_file(descriptor: int) -> None:
@@ -34,8 +34,9 @@ def sync_file(descriptor: int) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk. Raises OSError. Windows opens no folder: there the
-    file system's journal has to do."""
+    """Sync the names in a folder to the disk. Raises OSError. Windows opens no folder: there the
+    file system's journal must suffice.
+    """
     if FOLDERS_OPEN:
         handle = os.open(folder, _FOLDER)
         try:
@@ -47,8 +48,8 @@ def sync_folder(folder: Path) -> None:
 def lock(descriptor: int, *, shared: bool = False) -> None:
     """Lock an open file or folder for this process.
 
-    Raises BlockingIOError where another process holds it, OSError where the file system or the
-    operating system has no such locks.
+    Raises BlockingIOError where another process holds the lock, OSError where the file system or
+    the operating system has no such locks.
     """
     if fcntl is None:
         raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
@@ -56,13 +57,14 @@ def lock(descriptor: int, *, shared: bool = False) -> None:
 
 
 def open_folder(folder: Path) -> int:
-    """Return a descriptor of a folder, of no link to one. Raises OSError, as Windows does for every
-    folder."""
+    """Return a descriptor of a folder; a link to a folder is refused. Raises OSError, as Windows
+    does for every folder.
+    """
     return os.open(folder, _FOLDER | getattr(os, "O_NOFOLLOW", 0))
 
 
 def nice(steps: int) -> None:
-    """Make this process less important; if a sandbox or the operating system refuses, it stays
+    """Lower the priority of this process; if a sandbox or the operating system refuses, it stays
     unchanged.
     """
     with suppress(OSError, AttributeError):

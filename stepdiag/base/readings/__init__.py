@@ -1,4 +1,4 @@
-"""The table of readings: the door for data, and the runs of a plan.
+"""The table of readings: the entrance for data, and the runs of a plan.
 
 In: CSV text or rows. Out: validated readings, their unbroken stretches and their travel. Imported
 by daq and the solver.

@@ -17,21 +17,24 @@ from stepdiag.base.volume import Vector, reads_like_metres
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
 MOST_READINGS = 300_000
-"""Rows: two hundred setups of the largest volume, out and back. Each takes a kilobyte."""
+"""Largest number of rows: two hundred setups of the largest volume, out and back. Each row takes a
+kilobyte.
+"""
 OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
 AT_20_C = "at_20_c"
-"""1 where a reading was brought from ``temperature_c`` to 20 C before; 0 or empty where it stands
-as measured."""
+"""1 for a reading that was already reduced from ``temperature_c`` to 20 C; 0 or empty for a reading
+as measured.
+"""
 TURNED = "turned"
-"""1 at the first stop of a pass where it is the reading at which the pass before ended: the machine
-turned round there."""
+"""1 at the first stop of a pass if its reading is the last reading of the previous pass: the
+machine reversed there.
+"""
 NO_ZERO = -1
-"""A reading whose count is not known to reach beyond its pass: it is relative to the pass's first
-stop."""
+"""A reading whose count may not reach beyond its pass: it is relative to the pass's first stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
-"""Largest share of missing stops within a pass: it is solved without them."""
+"""Largest share of missing stops within a pass that can still be solved."""
 
 
 class PassKey(NamedTuple):
@@ -68,9 +71,9 @@ class Readings:
     the pass's first stop. ``u_um`` (standard uncertainty of the reading), ``temperature_c``
     (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line
     in machine coordinates, NaN where the beam runs through the pass's first commanded position.
-    ``at_20_c`` states of every reading whether it was reduced to 20 C before, ``turned`` whether it
-    is the last reading of the pass before: every axis had come there from the other side, and stays
-    on it until it moves.
+    ``at_20_c`` states for every reading whether it was already reduced to 20 C, ``turned`` whether
+    it is the last reading of the previous pass: every axis reached it from the other side, and
+    stays on that side until it moves.
     """
 
     setup: tuple[str, ...]
@@ -142,8 +145,9 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     at_20_c: Sequence[bool] | NDArray[np.bool_] | None = None,
     turned: Sequence[bool] | NDArray[np.bool_] | None = None,
 ) -> Readings:
-    """Return readings from columns; what is left out is NaN, `NO_ZERO`, or as measured. Raises
-    ``ValueError`` where the lengths differ."""
+    """Return readings from columns; omitted columns are NaN, `NO_ZERO`, or as measured. Raises
+    ``ValueError`` where the lengths differ.
+    """
     count = len(setup)
     return Readings(
         setup=tuple(setup),
@@ -185,8 +189,8 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
     """Return the readings of a CSV (contract 4), rows sorted by setup, pass and stop.
 
     A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted, further
-    columns are ignored, ``diagonal`` stands for ``setup``, and without a ``pass`` column everything
-    is pass 1. The beam line may be given in ``beam_x_mm, beam_y_mm, beam_z_mm``. Raises
+    columns are ignored, ``diagonal`` is accepted for ``setup``, and without a ``pass`` column every
+    row belongs to pass 1. The beam line may be given in ``beam_x_mm, beam_y_mm, beam_z_mm``. Raises
     ``DataError`` that names the line, or setup, pass and stop.
     """
     required = [name for name in REQUIRED if name != "pass"]
@@ -215,8 +219,8 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
 
 
 def in_mm(readings: Readings, source: str) -> Readings:
-    """Return readings from elsewhere as they are. Raises ``DataError`` for a volume so small that
-    it was written in metres.
+    """Return readings from another source unchanged. Raises ``DataError`` for a volume so small
+    that its unit must be metres.
     """
     size_mm = np.ptp(readings.position_mm, axis=0)
     if reads_like_metres(size_mm.tolist()):
@@ -292,8 +296,7 @@ def _setup_name(name: str, where: str) -> str:
 def _refuse_gaps(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
-    """Refuse a stop given twice, and a pass without its first stop or with too many left out within
-    it."""
+    """Refuse a repeated stop, and a pass without its first stop or with too many missing stops."""
     for key, rows in passes.items():
         stops = readings.stop[rows]
         where = f"{source}: {key}"
@@ -322,15 +325,15 @@ def _refuse_gaps(
 
 
 def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers that ascending stops leave out."""
+    """Return the missing numbers between ascending stops."""
     return np.setdiff1d(np.arange(int(stops[-1])), stops)
 
 
 def _refuse_half_zeros(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
-    """Refuse a pass whose stops belong to a stretch of the count in part only: the reference of the
-    others is unknown.
+    """Refuse a pass of whose stops only a part belongs to a stretch of the count: the reference of
+    the others is unknown.
     """
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO
@@ -343,8 +346,8 @@ def _refuse_half_zeros(
 
 
 def render_readings(readings: Readings) -> str:
-    """Return the CSV of contract 4: columns that hold nothing are left out, LF line ends, same
-    bytes for the same readings.
+    """Return the CSV of contract 4: empty columns are left out, LF line ends, same bytes for the
+    same readings.
 
     Positions are written to 0.1 nm, readings to a picometre, the rest to six decimals.
     """

@@ -1,8 +1,9 @@
-"""Renishaw ``.rtl``: linear runs of a laser as the maker's programs keep them, read and written.
+"""Renishaw ``.rtl``: linear runs of a laser in the format of the maker's programs, read and
+written.
 
 The format is not published; the known facts come from four independent public readers and writers
-that agree (docs/lasers.md). So the reader takes sections, keys and white space in any order and is
-strict in counts: every run has every target once, and an item without a place is refused. The
+that agree (docs/lasers.md). So the reader accepts sections, keys and white space in any order and
+is strict about counts: every run has every target once, and an item without a place is refused. The
 writer makes files for these readers.
 """
 
@@ -21,7 +22,7 @@ from stepdiag.base.volume import Vector
 MOST_TARGETS = 20_000
 MOST_RUNS = 200
 LARGEST_DEVIATION_UM = 1e5
-"""A tenth of a metre: what is more is in another unit, or angles."""
+"""A tenth of a metre: a larger value has another unit, or is an angle."""
 _SECTION = re.compile(r"\s*(?P<name>[A-Z][A-Z -]*)::\s*\Z", re.IGNORECASE)
 _PAIR = re.compile(r"\s*(?P<key>[^:]{1,60}?)\s*:\s*(?P<value>.*?)\s*\Z")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
@@ -34,8 +35,7 @@ class Rtl:
     """A file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs (first, third ...)
     outward, even ones back.
 
-    ``texts`` are its keys with their values, in lower case keys; of a key that comes twice the
-    first.
+    ``texts`` are its keys, in lower case, with their values; of a repeated key the first value.
     """
 
     targets_mm: Vector
@@ -45,7 +45,7 @@ class Rtl:
 
     @property
     def axis(self) -> str:
-        """Return the axis named by the file: x, y, z; empty for none of them."""
+        """Return the axis named by the file: x, y, z; empty without an axis."""
         named = (
             self.texts.get("axis", "")
             .strip()
@@ -58,8 +58,9 @@ class Rtl:
 
 
 def parse_rtl(text: str, source: str) -> Rtl:
-    """Return the content of a file. Raises DataError where a section or a value is missing, doubled
-    or not one of lengths."""
+    """Return the content of a file. Raises DataError where a section or a value is missing,
+    repeated or not a length.
+    """
     sections = _sections(text, source)
     texts: dict[str, str] = {}
     for lines in sections.values():
@@ -130,7 +131,7 @@ def _sections(text: str, source: str) -> dict[str, list[str]]:
 
 
 def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
-    """Raise DataError for files of angles and others: their units were never seen."""
+    """Raise DataError for files of angles and other quantities, whose units are unknown."""
     for key in ("file type", "filetype", "title", "measurement", "measurement type"):
         text = texts.get(key, "").lower()
         if key != "title" and any(word in text for word in _OTHER):
@@ -231,7 +232,7 @@ def _number(word: str, where: str) -> float:
 
 
 def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
-    """Return whether even runs go back: by the flags (0 1 2 0: one way only); without flags, for
+    """Return whether even runs go back: by the flags (0 1 2 0: one way only), or without flags for
     two runs.
     """
     flags = texts.get("flags", "").split()
@@ -243,9 +244,9 @@ def rtl_readings(
 ) -> tuple[list[tuple[int, int, tuple[float, ...], float]], str]:
     """Return the rows (pass, stop, position, reading in mm) of a linear run, and the setup's name.
 
-    ``setup`` names the axis where the file does not (``linear-x``), ``at_mm`` (3,) is a point of
-    the line: its coordinate along the axis does not count. Raises UsageError where the axis is not
-    known or the file names another.
+    ``setup`` names the axis if the file does not (``linear-x``), ``at_mm`` (3,) is a point of the
+    line: its coordinate along the axis has no effect. Raises UsageError where the axis is unknown
+    or differs from the file's.
     """
     axis = setup.removeprefix("linear-") if setup else file.axis
     if not axis or (file.axis and file.axis != axis):
@@ -283,8 +284,9 @@ def with_runs(
     runs: Sequence[tuple[str, list[tuple[int, int, tuple[float, ...], float]]]],
     source: str,
 ) -> Readings:
-    """Return readings with linear runs added. Raises UsageError where a setup is there already or
-    lies outside of the volume."""
+    """Return readings with linear runs added. Raises UsageError where a setup already exists or
+    lies outside the volume.
+    """
     from stepdiag.base.readings.readings import make_readings
 
     low, high = readings.position_mm.min(axis=0), readings.position_mm.max(axis=0)

@@ -1,4 +1,4 @@
-"""A survey before it is driven: its runs, the stops they make and the minutes they take."""
+"""A survey before the drive: its runs, their stops and their minutes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ from stepdiag.base.volume import Vector, Volume, irregular_mm, nodes_to_mm
 class Run:
     """A setup of a survey: its number of repeats out (and back), and its line.
 
-    ``beam_offset_mm``: distance of its line from the usual line. Axes that stand in the setup stand
-    so far from their low end; across the travel of the others the beam lies beside the usual line.
-    ``axis_orders``: the orders in which a step diagonal moves its axes, for its repeats in turn;
-    without it the order of the plan. ``alternate``: whether setups begin with other ones of them.
-    ``targets``: of a linear run, about so many and irregular
-    (`irregular_mm`); 0: the nodes.
+    ``beam_offset_mm``: distance of its line from the usual line. Axes that stand still in the setup
+    are at this distance from their low end; across the travel of the others the beam has this
+    distance from the usual line. ``axis_orders``: the orders in which a step diagonal moves its
+    axes, for its repeats in turn; without it the order of the plan. ``alternate``: whether setups
+    begin with different orders. ``targets``: for a linear run, the approximate number of its
+    irregular targets (`irregular_mm`); 0: the nodes.
     """
 
     setup: str
@@ -41,12 +41,12 @@ class Run:
 
     @property
     def travel(self) -> Setup:
-        """Return its setup as a value. Raises ``UsageError`` for a name that is none."""
+        """Return the setup as a value. Raises ``UsageError`` for an invalid name."""
         return setup_of(self.setup, "plan: setup")
 
     @property
     def orders(self) -> tuple[str, ...]:
-        """Return the stated orders from that of its first repeat on."""
+        """Return the stated orders, beginning with the order of its first repeat."""
         if not self.alternate or self.travel.kind not in ("step", "face"):
             return self.axis_orders
         # by its name: a further setup leaves the orders of the others as they are
@@ -55,8 +55,7 @@ class Run:
 
     @property
     def driven_orders(self) -> tuple[str, ...]:
-        """Return the stated orders that its repeats drive, each once; none if a single axis
-        moves."""
+        """Return the stated orders used by its repeats, each once; none if a single axis moves."""
         several = self.travel.kind in ("step", "face")
         return tuple(dict.fromkeys(self.orders[: self.repeats])) if several else ()
 
@@ -126,7 +125,7 @@ def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
 
 
 def order_of(plan: Plan, run: Run, number: int) -> str:
-    """Return the order in which a pass moves the axes: a way out and its way back have the same."""
+    """Return the order in which a pass moves the axes, the same for a way out and its way back."""
     orders = run.orders or (plan.axis_order,)
     return orders[(number - 1) // 2 % len(orders)]
 
@@ -156,7 +155,7 @@ def run_minutes(plan: Plan, run: Run) -> float:
 
 
 def setup_minutes(plan: Plan, run: Run) -> float:
-    """Return the minutes to set up: what stands already needs no new alignment on another line."""
+    """Return the minutes to set up: a setup in place needs no new alignment on another line."""
     pace, setup = plan.pace, run.travel
     before = plan.runs[: plan.runs.index(run)] if run in plan.runs else plan.runs
     if any(other.travel.base == setup.base for other in before):

@@ -1,12 +1,12 @@
 """The targets of the machine's stops: each reported position belongs to a single target, by a
-single rounding.
+single rule of rounding.
 
-A register holds a commanded position with few decimals, or the position of an encoder that scatters
-by micrometres. Both differ from the target, and so does the reading, by the same way. So a stop
-gets the coordinates of its target, and its deviation counts from the reported position
-(`solver.model.layout`). All further columns of the model see targets only: the directions that the
-readings determine then follow from whole numbers of increments, and no scatter of positions makes
-an unseen direction look seen.
+A register holds a commanded position with few decimals, or the position of an encoder with a
+scatter of micrometres. Both differ from the target, and the reading differs by the same amount. So
+a stop gets the coordinates of its target, and its deviation counts from the reported position
+(`solver.model.layout`). All further columns of the model depend on targets only: the directions
+that the readings determine then follow from whole numbers of increments, and no scatter of
+positions makes an undetermined direction appear determined.
 """
 
 import numpy as np
@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 
 EDGE_TOLERANCE_MM = 0.005
-"""Largest distance in mm from which an edge of the box is rounded to a multiple of 0.1 mm: a
-drawing has few decimals, a register flickers. The edge is a whole number of millimetres if such a
-number lies within the scatter of the stops.
+"""Largest distance in mm over which an edge of the box is rounded to a multiple of 0.1 mm: a
+drawing has few decimals, and a register flickers. If a whole number of millimetres is within the
+scatter of the stops, the edge is rounded to it.
 """
 
 
 def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None) -> Vector:
-    """Return the target of each reported position, shape (m, 3): a node, or where no node is near
-    the mean of the positions there.
+    """Return the target of each reported position, shape (m, 3): a node, or without a near node the
+    mean of the positions there.
 
-    ``tolerance_mm`` (3,) is how far beside its target a stop may lie, by default as the volume has
-    it.
+    ``tolerance_mm`` (3,) is the largest distance of a stop from its target, by default from the
+    volume.
     """
     snapped = position_mm.copy()
     # a stop and the box, or two stops, each with their tolerance
@@ -46,8 +46,8 @@ def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None 
 
 
 def _clustered(position_mm: Vector, near_mm: float) -> Vector:
-    """Return the mean of the positions that lie together with each position, shape (k,): a wider
-    gap parts two targets.
+    """Return the mean of each cluster of positions, for each position, shape (k,): a wider gap
+    separates two targets.
     """
     if not len(position_mm):
         return position_mm
@@ -76,11 +76,12 @@ def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector)
 
 
 def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, float]:
-    """Return low and high edge of the box along an axis, from positions (k,) that reach both edges.
+    """Return low and high edge of the box along an axis, from positions (k,) that include both
+    edges.
 
-    ``steps`` (k,) counts the equal steps from edge to edge in the pass of each position. All stops
-    together give the edges: the stop of a single corner may scatter. Positions without equal steps
-    give their extremes: the check of the passes names the stop.
+    ``steps`` (k,) is the number of equal steps from edge to edge in the pass of each position. All
+    stops together give the edges: the stop of a single corner may scatter. Positions without equal
+    steps give their extremes: the check of the passes then names the stop.
     """
     low, high = float(np.min(position_mm)), float(np.max(position_mm))
     if high - low <= 2.0 * POSITION_TOLERANCE_MM:
@@ -112,9 +113,9 @@ def arrivals(
     """Return the move that brought each axis to its target, numbered over the survey, -1 for an
     axis that stands in its pass, shape (m, 3).
 
-    An axis that stands keeps its place (`solver.adjustment.scatter`). A pass begins with an arrival
-    of its own, unless the machine ``turned`` round at its first stop: then the arrival of the pass
-    before stands.
+    An axis that stands keeps its place (`solver.adjustment.scatter`). A pass begins with a new
+    arrival, unless the machine ``turned`` at its first stop: then the last arrival of the previous
+    pass is used.
     """
     first = np.diff(pass_index, prepend=-1) != 0
     moved = np.diff(position_mm, axis=0, prepend=np.nan) != 0

@@ -1,4 +1,6 @@
-"""Does a pass follow its setup, and does the laser agree? Refusals that name the stop."""
+"""Checks whether a pass follows its setup and whether the laser agrees. Error messages that name
+the stop.
+"""
 
 from collections.abc import Mapping
 
@@ -12,10 +14,11 @@ from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector, Volume
 
 SHORTEST_MOVE_MM = 0.05
-"""Of an axis along which a run has targets of its own."""
+"""Tolerance of an axis along which a run has separate targets."""
 LASER_TOLERANCE = 0.1
-"""The travel of the laser agrees with the nominal travel within a tenth: far beyond any machine
-error, far below a wrong unit."""
+"""The travel of the laser must agree with the nominal travel within a tenth: far beyond any machine
+error, far below a wrong unit.
+"""
 
 
 def check_route(
@@ -44,8 +47,8 @@ def check_route(
 
 
 def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
-    """Return the least way of each axis that counts as a move, shape (3,): a standing axis may be
-    beside its target at both stops.
+    """Return the smallest distance of each axis that counts as a move, shape (3,): a standing axis
+    may differ from its target at both stops.
     """
     own = np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
     return np.where(own, SHORTEST_MOVE_MM, 2.0 * volume.tolerance_mm)
@@ -59,8 +62,8 @@ def _check_each_move(
     least_mm: Vector,
     where: str,
 ) -> None:
-    """Check that every move goes the way of the setup; step diagonals move one axis at a time, over
-    a missing stop several.
+    """Check that every move has the direction of the setup; step diagonals move one axis at a time,
+    or several across a missing stop.
     """
     moves, steps = np.diff(position, axis=0), np.diff(stop)
     moving = np.abs(moves) > least_mm
@@ -120,8 +123,9 @@ def _check_steps(
 def _check_ends(
     setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str
 ) -> None:
-    """A diagonal runs from corner to corner: anything shorter has another direction or a missing
-    end."""
+    """A diagonal runs from corner to corner: a shorter one has another direction or lacks an
+    end.
+    """
     if setup.kind != "body":
         return
     travel = position[-1] - position[0]
@@ -148,8 +152,9 @@ def laser_sense(
 
 
 def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> float:
-    """Return the median over the steps of what the laser moved by what it should have: single bad
-    stops do not matter."""
+    """Return the median ratio of the laser's steps to their nominal size: single bad stops have no
+    effect.
+    """
     moves = np.diff(readings.position_mm[rows], axis=0)
     extent = np.array(setup.signs) * np.abs(moves).sum(axis=0)
     nominal = moves @ extent / np.linalg.norm(extent)
@@ -159,7 +164,7 @@ def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> f
 def check_laser(
     readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], sense: int, source: str
 ) -> None:
-    """Raise ``DataError`` where the laser ran the wrong way or in another unit."""
+    """Raise ``DataError`` where the laser counted in the wrong direction or in another unit."""
     ratio = sense * _laser_ratio(readings, setup, rows)
     if abs(ratio - 1) <= LASER_TOLERANCE:
         return

@@ -1,5 +1,5 @@
-"""Functions between their targets beside the curve through the values: in predictions, an arch from
-each value to the next.
+"""Deviations of functions from the curve through their values, between the targets: in predictions,
+an arch from each value to the next.
 """
 
 from functools import lru_cache
@@ -31,8 +31,9 @@ class Between(NamedTuple):
         return found
 
     def drawn_um(self, draws: int) -> Vector | None:
-        """Return what lies between the targets as drawn at each point by itself, shape (draws, N,
-        3), always the same; None of nothing."""
+        """Return the deviations between the targets, drawn independently at each point, shape
+        (draws, N, 3), always the same; None without deviations.
+        """
         if not self.size_um.size:
             return None
         waves = np.sqrt(self.square_um(slice(draws)))
@@ -40,8 +41,9 @@ class Between(NamedTuple):
         return waves
 
     def met(self, fields_um: Vector) -> Vector:
-        """Return the square sum of what arches of 1 um meet of the errors of fields (k, 3 N), shape
-        (functions,)."""
+        """Return the square sum of the overlap of 1 um arches with the errors of fields (k, 3 N),
+        shape (functions,).
+        """
         fields, found = (
             fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3),
             np.zeros(len(self.component)),
@@ -57,7 +59,7 @@ class Between(NamedTuple):
 
     def across_um2(self, met: Vector) -> Vector:
         """Return the increase of the square sum of drawn fields by deviations between the targets
-        along or against them, shape (draws,): beside the mean square, and zero on average.
+        along or against them, shape (draws,): in addition to the mean square, and zero on average.
 
         An arch has one sign from value to value, and the errors at its place (`met`, the sum over
         all deviations) do not change theirs: four increments have 36 arches in a volume, which do
@@ -79,9 +81,7 @@ def _drawn(*shape: int) -> Vector:
 
 
 def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:
-    """Return the arches of a result's posterior at points (N, 3); of no function without a
-    posterior.
-    """
+    """Return the arches of a result's posterior at points (N, 3); none without a posterior."""
     posterior = result.posterior
     all_sizes = {} if posterior is None else posterior.between_um
     arch, size = np.zeros((len(all_sizes), len(points_mm))), np.zeros((draws, len(all_sizes)))

@@ -1,5 +1,6 @@
-"""On what a result's U and tables rest, as it stands in the result: what was taken for granted,
-which lengths, which point of the tool."""
+"""The basis of a result's U and tables, as stored in the result: the assumptions, the lengths, the
+point of the tool.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,10 +26,10 @@ ASSUMED = (
     "squareness_urad",
     "scale_um_m",
 )
-"""The sizes that a person meets, by their names in `members.Assumed`."""
+"""The sizes shown to a person, by their names in `members.Assumed`."""
 
 Scales = tuple[tuple[str, float, float], ...]
-"""Axis, value in um/m and expanded uncertainty (k = 2) of every scale that is known."""
+"""Axis, value in um/m and expanded uncertainty (k = 2) of every known scale."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +40,7 @@ class Basis:
     ``material_c`` is the machine's temperature, ``scales`` are the scales that the tables correct,
     ``other`` the scales at the other temperature. ``air`` holds the assumed conditions of the air
     without a sensor, by name. ``tool_um`` is the effect of angles on a tool tip 100 mm from the
-    place where the beam met the mirror.
+    point of the beam on the mirror.
     """
 
     assumed: Mapping[str, float]
@@ -57,7 +58,7 @@ class Basis:
 
 
 def basis_of(result: Result) -> Basis:
-    """Return on what a result rests; None and nothing for what it does not state."""
+    """Return the basis of a result, with None and empty values for facts that it does not state."""
     lengths, conditions = result.lengths, result.conditions
     warm = None if lengths is None else lengths.material_c
     return Basis(

@@ -23,10 +23,12 @@ PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
 }
 """Errors outside every function of an axis, by name: component, and the axes whose shares of the
 travel are multiplied. Each is the machine's error at the far corner, in um: an axis bends where
-another carries it further out; a ram sags.
+another carries it further out, or a ram sags.
 """
 BEYOND_MM = 1.0
-"""So far may a target lie outside of the measured volume: functions are held there."""
+"""Largest distance of a target outside the measured volume: functions keep their end values
+there.
+"""
 
 
 class Tabulated(NamedTuple):
@@ -80,9 +82,7 @@ class Smoothed(NamedTuple):
         return bent
 
     def _curved(self) -> Vector:
-        """Return the second derivative at the positions: crowded values give no more of it than
-        noise.
-        """
+        """Return the second derivative at the positions; crowded values give only noise."""
         even_mm = evenly(self.position_mm)
         value = Tabulated(self.position_mm, self.value).at(even_mm)
         inner = np.diff(value, n=2, axis=1) / (even_mm[1] - even_mm[0]) ** 2
@@ -98,8 +98,8 @@ class Smoothed(NamedTuple):
 
 
 def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
-    """Return `at` for more machines than positions: the effect of a unit at each position, times
-    the values.
+    """Return the values of `at` for more machines than positions: the effect of a unit at each
+    position, times the values.
     """
     values: Vector = functions.value @ functions._replace(
         value=np.eye(len(functions.position_mm))
@@ -108,7 +108,9 @@ def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
 
 
 def evenly(position_mm: Vector) -> Vector:
-    """Return equally distant positions over the same range, as far apart as these are at most."""
+    """Return equally spaced positions over the same range, no further apart than these are at
+    most.
+    """
     low, high = position_mm[0], position_mm[-1]
     even: Vector = np.linspace(
         low, high, round(float((high - low) / np.max(np.diff(position_mm)))) + 1
@@ -168,8 +170,8 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
     """Return actual - commanded at points of the machine, shape (N, 3) in um; an unidentified error
     counts as zero.
 
-    Angular functions that were not measured count with their most likely values by the readings
-    (``result.expected``): they belong to the displacement functions found with them.
+    Angular functions that were not measured have their most likely values by the readings
+    (``result.expected``): they belong to the displacement functions estimated with them.
     """
     known = {**result.errors, **result.expected}
     functions = {
@@ -188,7 +190,7 @@ def bend_um(result: Result, points_mm: Vector) -> Vector:
     """Return the difference of smooth displacement functions from the straight line between their
     values, at points, shape (N, 3).
 
-    The difference is in the machine and not in tables that are straight between the values.
+    The machine contains this difference, and tables that are straight between the values do not.
     """
     known = {name: result.errors[name] for name in DISPLACEMENTS if name in result.errors}
     parts = []
@@ -207,7 +209,7 @@ def without_rigid_motion(volume: Volume, points_mm: Vector, errors_um: Vector) -
     """Return the errors less the translation and rotation of the whole volume that fit them best,
     shape (N, 3).
 
-    A rigid motion is a matter of where the workpiece lies, not an error of the machine.
+    A rigid motion depends on the place of the workpiece and is not an error of the machine.
     """
     motion = rigid_motions(volume, points_mm)
     flat = errors_um.reshape(-1)
@@ -230,8 +232,8 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
     """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner
     where it starts.
 
-    In um, less the error at the first distance, shape (N,). No result used this error: it is a
-    check. Raises UsageError for an invalid diagonal, or distances that leave the measured volume.
+    In um, less the error at the first distance, shape (N,). No result used this error: it serves as
+    a check. Raises UsageError for an invalid diagonal, or distances that leave the measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
         raise UsageError(

@@ -13,8 +13,8 @@ When = Literal["before", "after"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a
-    result of version 1).
+    """A figure in um; ``low_um`` and ``high_um`` are None without a known uncertainty (a result of
+    version 1).
 
     ``within`` is the probability that the figure is at most its tolerance (JCGM 106), None without
     a tolerance.
@@ -26,8 +26,9 @@ class Interval:
     within: Maybe[float] = None
 
     def shown(self) -> tuple[str, str]:
-        """Return low and high as written everywhere, rounded outwards so that rounding never
-        promises more; empty where unknown."""
+        """Return low and high in the common notation, rounded outwards so that rounding never
+        promises more; empty where unknown.
+        """
         if self.low_um is None or self.high_um is None:
             return "", ""
         decimals = decimals_of(self.high_um)
@@ -37,11 +38,11 @@ class Interval:
         return f"{low:.{decimals}f}", f"{high:.{decimals}f}"
 
     def best(self) -> str:
-        """Return the value alone as written everywhere."""
+        """Return the value alone in the common notation."""
         return f"{self.value_um:.{decimals_of(self.value_um)}f}"
 
     def words(self) -> Message:
-        """Return the interval, the value alone where nothing states how sure it is."""
+        """Return the interval, or the value alone without a known uncertainty."""
         low, high = self.shown()
         return (
             message("interval", low=low, high=high)
@@ -50,7 +51,7 @@ class Interval:
         )
 
     def bound(self) -> Message:
-        """Return what a largest vector is at most: how small it may be is no promise."""
+        """Return the upper limit of a largest vector: a lower limit would be no promise."""
         high = self.shown()[1]
         return message("up-to", high=high) if high else self.words()
 
@@ -76,20 +77,22 @@ class Predicted:
 
 
 def decimals_of(um: float) -> int:
-    """Return how many decimals a figure in um is worth: two digits, a tenth at the finest."""
+    """Return the number of decimals of a figure in um: two digits, a tenth at the finest."""
     return 0 if abs(um) >= 9.95 else 1
 
 
 def decimals_of_u(expanded: float) -> int:
-    """Return how many decimals an expanded uncertainty and its value are worth: two significant
-    digits of U (JCGM 100:2008, 7.2.6)."""
+    """Return the number of decimals of an expanded uncertainty and its value: two significant
+    digits of U (JCGM 100:2008, 7.2.6).
+    """
     if not 0.0 < expanded < math.inf:
         return 2
     return max(0, 1 - int(f"{expanded:.1e}".partition("e")[2]))
 
 
 def with_expanded(value: float, expanded: float, *, sign: str = "-") -> str:
-    """Return a value with its U (k = 2) as written everywhere; ``sign`` as in a format, "+" shows
-    that of a positive value."""
+    """Return a value with its U (k = 2) in the common notation; ``sign`` as in a format, "+" shows
+    that of a positive value.
+    """
     decimals = decimals_of_u(expanded)
     return f"{value:{sign}.{decimals}f} ± {expanded:.{decimals}f}"

@@ -1,4 +1,4 @@
-"""A JSON document walked with its path, so that a refusal can name the field."""
+"""A JSON document read with the path of each value, so that an error message can name the field."""
 
 import json
 import re
@@ -17,7 +17,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def load_json(text: str, source: str) -> "Node":
-    """Return the root of a JSON document. Raises ``DataError`` where the text is none."""
+    """Return the root of a JSON document. Raises ``DataError`` where the text is not JSON."""
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
@@ -57,7 +57,7 @@ class Node:
     source: str
     path: str
     strict: bool = False
-    """Whether an unknown name is refused, too."""
+    """Whether an unknown name is refused as well."""
 
     def refuse(self, expected: Words) -> NoReturn:
         raise DataError(
@@ -84,7 +84,7 @@ class Node:
         return Node(inside[name], self.source, path, self.strict)
 
     def only(self, names: Iterable[str]) -> None:
-        """Refuse a name that is none of these, where this is strict."""
+        """Refuse an unknown name if the node is strict."""
         known = list(names)
         unknown = next((name for name in self.mapping() if name not in known), None)
         if self.strict and unknown is not None:

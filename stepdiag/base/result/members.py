@@ -1,5 +1,6 @@
-"""The members of a result beside its functions: who measured, under which conditions, how the
-readings fit, and on what U rests."""
+"""The members of a result other than its functions: operator, conditions, fit of the readings, and
+basis of U.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -36,8 +37,8 @@ def software() -> Software:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActiveFile:
-    """A file that was active in the control: its name, its hash, the time and the way of its
-    reading.
+    """A file that was active in the control: its name, its hash, and when and how it was read
+    out.
     """
 
     name: str
@@ -48,8 +49,8 @@ class ActiveFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A file that the result was solved from: its role, its name, and its SHA-256; of a log the
-    SHA-256 of its records, packed or not.
+    """A source of the result: its role, its name, and its SHA-256; for a log the SHA-256 of its
+    records, packed or not.
 
     ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A
     damaged log has no hash.
@@ -65,8 +66,8 @@ class Facts:
     """The measurement: operator, object, time and instruments; a text that the survey does not
     state is empty.
 
-    ``compensation`` while measuring is None if the survey leaves it open; ``active_files`` were
-    active if it was on.
+    ``compensation`` during the measurement is None if the survey leaves the question open;
+    ``active_files`` were active if it was on.
     """
 
     machine: str = ""
@@ -93,7 +94,9 @@ class Facts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssumedConditions:
-    """The conditions that no sensor measured and no person stated, as the survey file has them."""
+    """The conditions that no sensor measured and no person stated, with their values in the survey
+    file.
+    """
 
     air_temperature_c: Maybe[float] = None
     air_pressure_hpa: Maybe[float] = None
@@ -114,7 +117,7 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A figure beside its tolerance (`base.conformity`): ends of its coverage interval (k = 2),
+    """A figure and its tolerance (`base.conformity`): ends of its coverage interval (k = 2),
     probability of conformity and verdict.
 
     ``tolerance`` limits the magnitude. A figure that is not identified is None, and not decidable.
@@ -132,8 +135,9 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conformity:
-    """Every figure with a tolerance, as found; and the figures of the volume as predicted after an
-    ideal compensation."""
+    """Every figure with a tolerance, as found; and the figures of the volume predicted after an
+    ideal compensation.
+    """
 
     as_found: tuple[Judged, ...]
     predicted: tuple[Judged, ...]
@@ -194,8 +198,8 @@ class LengthScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthsReport:
-    """The lengths that the tables correct, and the scales both ways. ``material_c`` is the
-    temperature of each axis, None without a measurement.
+    """The lengths that the tables correct, and the scales at both temperatures. ``material_c`` is
+    the temperature of each axis, None without a measurement.
     """
 
     tables: Lengths
@@ -207,8 +211,9 @@ class LengthsReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tool:
-    """The point of the tool for which the errors hold, and the largest effect of angles 100 mm away
-    from it (k = 2)."""
+    """The point of the tool for which the errors are valid, and the largest effect of angles 100 mm
+    away from it (k = 2).
+    """
 
     offset_mm: Triple | None
     up_to_um_per_100_mm: float | None
@@ -220,8 +225,8 @@ class UnseenSlip:
     the effect of the first on the volume (rms), in um; None where a slip of any size goes
     unnoticed.
 
-    ``passes``: where a slip that is noticed in half of the surveys makes the volume worse by more
-    than the noise of the readings allows for, ``readings_um`` (k = 1).
+    ``passes``: the passes in which a slip that is noticed in half of the surveys has a larger
+    effect on the volume than the noise of the readings, ``readings_um`` (k = 1).
     """
 
     setup: str
@@ -241,8 +246,9 @@ class UnseenSlip:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlips:
-    """The slip that does most harm unseen in diagonals and in runs along an axis, None where the
-    survey has none of them."""
+    """The most harmful unnoticed slip in diagonals and in runs along an axis, None where the survey
+    has none of them.
+    """
 
     diagonals: Maybe[UnseenSlip] = None
     runs: Maybe[UnseenSlip] = None
@@ -322,7 +328,7 @@ class HeadStraightness:
 
 
 VOLUME = "volume"
-"""The quantity of the budget that is the error vector over the volume."""
+"""The quantity of the budget that stands for the error vector over the volume."""
 READINGS, BETWEEN_TARGETS, NOT_MEASURED = "readings", "between the targets", "not measured"
 """Sources of the budget beside the effects of the adjustment."""
 
@@ -350,7 +356,7 @@ class StandardFigures:
     """The figures of a standard for a setup, or for a set of diagonals (``_d``), in um, in the
     symbols of the standard.
 
-    A figure that the runs do not give, or that the standard lacks, is None. ``U`` holds expanded
+    A figure is None if the runs do not give it or the standard lacks it. ``U`` holds expanded
     uncertainties (k = 2) by figure.
     """
 
@@ -386,8 +392,9 @@ class StandardFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """The standard deviation of drawn surveys beside the stated one; of a single number also the
-    shortest 95 % interval."""
+    """The standard deviation of drawn surveys, for comparison with the stated one; for a single
+    number also the shortest 95 % interval.
+    """
 
     u: float
     u_stated: float
@@ -416,8 +423,9 @@ class Drift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupReport:
-    """The travel of a setup and its numbers of passes, and where they are known the lean of its
-    mirror, its drift and its scatter."""
+    """The travel of a setup and its numbers of passes, and, where known, the tilt of its mirror,
+    its drift and its scatter.
+    """
 
     kind: Kind | None = None
     passes: tuple[int, ...] = ()

@@ -3,9 +3,9 @@ one standard deviation each.
 
     machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
 
-A mode is a machine of its own: functions and squarenesses that go together because a common cause
-moves them all. A deviation too small or too isolated for a mode is ``rest``: values that differ
-each by itself. Every figure of the volume comes from here.
+A mode is a whole machine: functions and squarenesses that change together because of a common
+cause. A deviation too small or too isolated for a mode is in ``rest``: values that vary
+independently. Every figure of the volume is computed from these deviations.
 
 The last modes belong to causes of unknown size. Several sizes are equally likely; at each of them
 the amount of such a mode is ``shift + scale z`` instead of z, with a mean square of one over all
@@ -27,12 +27,12 @@ NAMES = frozenset(
 )
 """The quantities that differ from the result: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
-"""Numbers of it are written to this many decimals."""
+"""Number of decimals in the file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnknownSize:
-    """Reach of the last modes at each of the equally likely sizes: ``scale`` and ``shift``, shapes
+    """Factor of the last modes at each of the equally likely sizes: ``scale`` and ``shift``, shapes
     (sizes, modes).
     """
 
@@ -41,16 +41,16 @@ class UnknownSize:
 
     @classmethod
     def nothing(cls) -> "UnknownSize":
-        """Return that no mode depends on a size."""
+        """Return a table in which no mode depends on a size."""
         return cls(scale=np.ones((1, 0)), shift=np.zeros((1, 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
     """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and
-    ``rest`` (k,) by function (um, urad) and squareness (urad, k = 1), absent where nothing is
-    uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of what a function may do in
-    the middle between two targets beside the straight line. ``sized`` is the dependence of the last
+    ``rest`` (k,) by function (um, urad) and squareness (urad, k = 1), absent where no value is
+    uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of a function's departure from
+    the straight line in the middle between two targets. ``sized`` is the dependence of the last
     modes on an unknown size.
     """
 
@@ -78,8 +78,9 @@ class Posterior:
         return max((len(values) for values in self.modes.values()), default=0)
 
     def deviations(self) -> dict[str, Vector]:
-        """Return offset, modes and the rest value by value, all as deviations by name, shape (1 +
-        modes + values of the rest, k)."""
+        """Return offset, modes and each value of the rest as deviations by name, shape (1 + modes +
+        values of the rest, k).
+        """
         names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
         modes = self.count
         total = 1 + modes + sum(len(values) for values in self.rest.values())
@@ -100,8 +101,8 @@ class Posterior:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form; numbers that are negligible beside the largest of their row are
-        rounded to it.
+        """Return the JSON form; numbers that are negligible relative to the largest of their row
+        are rounded accordingly.
         """
         return {
             "position_mm": dict(self.position_mm),
@@ -174,7 +175,7 @@ def parse_posterior(root: Node) -> Posterior:
 
 
 def _parse_between(node: Node) -> Vector:
-    """Return the sizes; older results of this version hold one alone."""
+    """Return the sizes; older results of this version contain only one."""
     if not node.strict and isinstance(node.value, int | float):
         return np.array([node.number()])
     sizes = node.numbers()

@@ -1,9 +1,9 @@
 """The expected errors of the volume, before and after tables: root mean square and largest error as
 intervals.
 
-Machines are drawn from the posterior of the result, each is measured over the points as an
-independent check would, and the interval holds 97 % of them: all but the share beyond k = 2 above,
-and less below (`BELOW`). The same draws serve everything: verify, report, page, compare and plan.
+Machines are drawn from the posterior of the result, and each is measured over the points as in an
+independent check. The interval covers 97 % of them: all but the share beyond k = 2 above, and a
+smaller share below (`BELOW`). Verify, report, page, compare and plan use the same draws.
 """
 
 from collections.abc import Mapping
@@ -27,13 +27,14 @@ from stepdiag.base.volume import Vector
 
 DRAWS, FOR_LARGEST = 2000, 250
 VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um"
-"""Their tolerances, by name (`Result.tolerance`)."""
+"""Names of their tolerances (`Result.tolerance`)."""
 TAIL = 0.02275
-"""Share beyond k = 2 on either side."""
+"""Probability beyond k = 2 on either side."""
 BELOW = 0.005
-"""Share below the lower end of the interval of the volume: what is taken for usual (drift, warmth,
-air) is drawn as large as stated or found, and a good machine has none of it. One in eight of such
-was better than an interval with k = 2 on both sides promised."""
+"""Probability below the lower end of the interval of the volume: assumed errors (drift, warmth,
+air) are drawn with their stated or estimated size, and a good machine has none of them. One in
+eight of such machines was better than the lower end of an interval with k = 2 on both sides.
+"""
 BETWEEN_SHARE = 8.0 / 15.0
 """Mean square of an arch (a parabola between two targets) over its largest square."""
 
@@ -41,10 +42,10 @@ BETWEEN_SHARE = 8.0 / 15.0
 def predicted(
     result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
 ) -> Predicted:
-    """Return what an independent check would find at points (N, 3) before and after
+    """Return the expected result of an independent check at points (N, 3), before and after
     ``correction_um`` (N, 3) is applied.
 
-    ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the
+    ``beside_um`` (N, 3) is a known error that was present during the measurement and is not in the
     result: steps between its targets.
     """
     motions = rigid_motions(result.volume, points_mm)
@@ -59,8 +60,10 @@ def predicted(
 def predicted_with_u(
     result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector
 ) -> tuple[Predicted, float]:
-    """Return what `predicted` does, and the root mean square over the volume of the error vector's
-    standard uncertainty, rigid motion removed. ``posterior`` is that of the result."""
+    """Return the prediction of `predicted`, and the root mean square over the volume of the error
+    vector's standard uncertainty, rigid motion removed. ``posterior`` is the posterior of the
+    result.
+    """
     machines, motions = (
         _machines(result, points_mm, 0.0, DRAWS),
         rigid_motions(result.volume, points_mm),
@@ -95,7 +98,7 @@ def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interv
     """Return the median of draws and the interval that holds all but `BELOW` of them on the lower
     side and `TAIL` on the upper.
 
-    ``most`` is a tolerance: the share of draws within it stands beside them.
+    ``most`` is a tolerance: the share of draws within it is returned too.
     """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     if not known:
@@ -120,9 +123,8 @@ class ErrorAt(NamedTuple):
 def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
     """Return the error of the tool at points (N, 3), rigid motion not removed.
 
-    ``u_um`` is the root mean square of all that the posterior lets the machine differ by: its
-    offset, its modes with a mean square of one, what differs value by value, and what is between
-    two targets.
+    ``u_um`` is the root mean square of all possible differences by the posterior: its offset, its
+    modes with a mean square of one, the independent values, and the deviations between two targets.
     """
     error_um = error_field_um(result, points_mm)
     if result.posterior is None:
@@ -141,8 +143,9 @@ def squares_um2(
     result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
 ) -> tuple[Vector, Vector]:
     """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws,
-    rigid motion removed, before and after a correction, shapes (draws, N); arguments as of
-    `predicted`. One draw where the result has no posterior."""
+    rigid motion removed, before and after a correction, shapes (draws, N); arguments as in
+    `predicted`. One draw where the result has no posterior.
+    """
     machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
     drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
     before, after = machines.squares_um2(drawn["before"]), machines.squares_um2(drawn["after"])
@@ -151,8 +154,9 @@ def squares_um2(
 
 class _Drawn(NamedTuple):
     """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each;
-    ``likely`` (3 N,) is the field drawn around without its noise. The square sum over all points of
-    ``whole`` is too large by ``over_um2`` (draws,)."""
+    ``likely`` (3 N,) is the centre of the draws without its noise. The square sum over all points
+    of ``whole`` is too large by ``over_um2`` (draws,).
+    """
 
     whole: Vector
     likely: Vector
@@ -160,9 +164,10 @@ class _Drawn(NamedTuple):
 
 
 class _Machines(NamedTuple):
-    """Drawn machines: the field found at the points ``before``, what each deviation moves there and
-    the ``amount`` of each (draws, deviations), what is between the targets, and which part of the
-    field is noise of what was found (`_adjusted_um`)."""
+    """Drawn machines: the estimated field at the points ``before``, the effect of each deviation
+    there and the ``amount`` of each (draws, deviations), the deviations between the targets, and
+    the part of the field that is noise of the estimate (`_adjusted_um`).
+    """
 
     before: Vector
     moved: Vector
@@ -199,8 +204,8 @@ class _Machines(NamedTuple):
         return fields
 
     def moved_um2(self, motions: Vector) -> tuple[Vector, Vector]:
-        """Return the square sum over all points of the motion by all deviations but the offset, and
-        of its rigid motions, (draws,) each.
+        """Return, for all deviations but the offset, the square sum of their effect over all
+        points, and that of its rigid motions, (draws,) each.
 
         The sums are the same before and after a correction.
         """
@@ -210,8 +215,9 @@ class _Machines(NamedTuple):
         )
 
     def beside_um(self, drawn: _Drawn, waves_um: Vector | None) -> Vector:
-        """Return what all deviations but the offset move in `FOR_LARGEST` draws, with what is drawn
-        between the targets (`Between.drawn_um`), shape (draws, N, 3)."""
+        """Return the effect of all deviations but the offset in `FOR_LARGEST` draws, plus the drawn
+        deviations between the targets (`Between.drawn_um`), shape (draws, N, 3).
+        """
         amount = self.amount[:FOR_LARGEST, 1:]
         moved: Vector = (amount @ drawn.whole[1:]).reshape(len(amount), -1, 3)
         return moved if waves_um is None else moved + waves_um
@@ -220,7 +226,7 @@ class _Machines(NamedTuple):
         self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector, tolerance: Mapping[str, float]
     ) -> FieldFigures:
         """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of the
-        motion by all deviations but the offset, ``beside_um`` as in `beside_um`.
+        effect of all deviations but the offset, ``beside_um`` as in `beside_um`.
         """
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
@@ -289,11 +295,11 @@ def _adjusted_um(
     result: Result, posterior: Posterior | None, points_mm: Vector
 ) -> tuple[Vector, Vector]:
     """Return the possible error of the part of `_moved` (deviations, N, 3) that the readings
-    determine without a prior: along straight lines between the values, and the addition of the
+    determine without a prior: along straight lines between the values, plus the addition of the
     smooth curve through them.
 
-    Angular functions are values expected or given: they are not in it. An unidentified quantity is
-    not in it either: it was not found.
+    Angular functions are expected or given values, and this part does not contain them. Nor does it
+    contain an unidentified quantity, which has no estimate.
     """
     none = np.zeros((1, len(points_mm), 3))
     if posterior is None:
@@ -328,20 +334,20 @@ def _adjusted_um(
 
 
 def _together(amount: Vector) -> Vector:
-    """Return the covariance of drawn amounts of the deviations, the offset left out."""
+    """Return the covariance of drawn amounts of the deviations without the offset."""
     drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
     found: Vector = drawn.T @ drawn / len(drawn)
     return found
 
 
 def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
-    """Return the covariance, summed over the points, of two fields of deviations: the error of
-    everything with the error of the part determined without a prior.
+    """Return the covariance, summed over the points, of two fields of deviations: the complete
+    error and the error of the part determined without a prior.
 
-    That part is found with its noise: its square sum is that of machine and noise, and draws around
-    it hold the noise once more. The machine's is therefore below theirs by twice this (the bias of
-    Stein 1956, taken off). ``noise`` and ``moved`` are rows of deviations, ``together`` is the
-    covariance of their amounts.
+    The estimate of that part contains its noise: its square sum is that of machine and noise, and
+    draws around it contain the noise once more. The machine's square sum is therefore smaller than
+    theirs by twice this covariance (the bias of Stein 1956, subtracted). ``noise`` and ``moved``
+    are rows of deviations, ``together`` is the covariance of their amounts.
     """
     return max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
 
@@ -356,8 +362,8 @@ def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) 
     """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic
     form of the amounts.
 
-    ``moved_um2`` (draws,) is its part that is of second order in the amounts, worked out once for
-    all fields. Deviations between the targets add their mean square.
+    ``moved_um2`` (draws,) is its part of second order in the amounts, computed once for all fields.
+    Deviations between the targets add their mean square.
     """
     centre, moved = drawn.whole[0], drawn.whole[1:]
     square = moved_um2 + 2.0 * (amount[:, 1:] @ (moved @ centre)) + centre @ centre
@@ -375,8 +381,9 @@ def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
 
 
 def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -> float:
-    """Return the figure of `predicted_with_u` from what each deviation does to the error at the
-    points, (deviations, N, 3)."""
+    """Return the figure of `predicted_with_u` from the effect of each deviation on the error at the
+    points, (deviations, N, 3).
+    """
     moved = _flat(fields_um, motions)
     between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
     sized = posterior.sized

@@ -48,8 +48,8 @@ from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector,
 FORMAT = "stepdiag-result"
 FORMAT_VERSION = 3
 READABLE_VERSIONS = (1, 2, 3)
-"""Version 1 states in ``u`` the part of the readings alone, and no posterior. In versions 1 and 2
-an unknown or damaged member is left out, in version 3 it is refused.
+"""In version 1 ``u`` is only the part of the readings, and there is no posterior. In versions 1 and
+2 an unknown or damaged member is left out; version 3 refuses it.
 """
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
@@ -58,12 +58,12 @@ POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _MOST_PASSES = 1000
-"""Most passes of a setup that states their number, and not which."""
+"""Largest number of passes of a setup that states only their number."""
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
-"""A list of numbers in one line."""
+"""A list of numbers on one line."""
 _NUMBER = ("value", "u", "u_readings")
 DECIMALS = 6
-"""Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
+"""Number of decimals in the file: a picometre, a picoradian, a nanometre of position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,9 +74,8 @@ class Function:
     ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the
     function; ``u_readings`` is the part of u that comes from the readings alone, None in results of
     version 1. ``slope_identified`` is False where only the shape is known: then the line through
-    the end points is removed, which is not a statement about the slope. Straightness (unit um,
-    names as EYX) always has its end-point line removed and holds True: its slope is in the
-    squareness.
+    the end points is removed, and nothing is stated about the slope. Straightness (unit um, names
+    as EYX) always has its end-point line removed and holds True: its slope is in the squareness.
     """
 
     position_mm: Vector
@@ -101,7 +100,8 @@ class Quantity:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
     """The slope of a positioning function's end-point line in um/m; ``value`` and ``u`` are None
-    unless ``identified``."""
+    unless ``identified``.
+    """
 
     value: float | None
     u: float | None
@@ -115,13 +115,13 @@ class Result:
     """The measured state of a machine.
 
     ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in
-    urad where known), ``expected`` the angular functions that were not measured, at their likely
-    values by the closure of the readings: no measurement, but they belong to the displacement
-    functions found beside them. ``posterior`` holds the possible differences of the machine from
-    all this. ``reversal`` the difference approach in + minus approach in - of the same functions,
-    zero at the first position, where out-and-back data give it. ``setups`` holds the state of each
-    setup (mirror tilt, drift, repeatability). Members from ``survey`` on are None in a result
-    without them. ``source`` names the result in messages and is not written.
+    urad where known), ``expected`` the angular functions that were not measured, with their likely
+    values by the closure of the readings: not measured values, but the displacement functions
+    estimated with them depend on them. ``posterior`` holds the possible differences between the
+    machine and these values. ``reversal`` the difference approach in + minus approach in - of the
+    same functions, zero at the first position, where out-and-back data give it. ``setups`` holds
+    the state of each setup (mirror tilt, drift, repeatability). Members from ``survey`` on are None
+    in a result without them. ``source`` names the result in messages and is not written.
     """
 
     volume: Volume
@@ -157,7 +157,7 @@ class Result:
     head_straightness: dict[str, HeadStraightness] | None = None
     budget: Budget | None = None
     coverage: dict[str, CoverageFactor] | None = None
-    """Factors for 95 % by function or number, where that is not about 2."""
+    """Factors for 95 % by function or number, where the factor differs from about 2."""
     standards: dict[str, tuple[StandardFigures, ...]] | None = None
     monte_carlo: MonteCarlo | None = None
     sources: tuple[Source, ...] | None = None
@@ -283,11 +283,11 @@ _ENTRIES = (
     "findings",
     "posterior",
 )
-"""The other entries of the JSON."""
+"""The further entries of the JSON."""
 
 
 def same_result(one: bytes, other: bytes) -> bool:
-    """Return whether two ``result.json`` are equal but for the tenth of a nanometre by which two
+    """Return whether two ``result.json`` are equal except for the tenth of a nanometre by which two
     processors may differ.
     """
     try:
@@ -346,9 +346,9 @@ def _rounded(value: Any) -> Any:
 
 
 def result_in(path: Path, source: str = "") -> Result:
-    """Return the result in a file, named ``source`` in refusals (the file's name if empty).
+    """Return the result in a file; error messages name it ``source`` (the file's name if empty).
 
-    Raises UsageError or DataError for a file that is missing, altered or no result.
+    Raises UsageError or DataError for a file that is missing, altered or not a result.
     """
     return parse_result(read_text(path), source or path.name)
 
@@ -404,7 +404,8 @@ def parse_result(text: str, source: str = "result.json") -> Result:
 
 def _as_now(document: dict[str, Any]) -> dict[str, Any]:
     """Return a document of version 1 or 2 in the form of version 3: the closed forms counted
-    passes, and stated a sum without u."""
+    passes, and stated a sum without u.
+    """
     setups, total = document.get("setups"), document.get("scale_sum_um")
     if isinstance(setups, dict):
         setups = {name: _with_passes(report) for name, report in setups.items()}

@@ -4,29 +4,31 @@ from collections.abc import Mapping
 from typing import Any
 
 ANOTHER_PROCESSOR = 1e-4
-"""um and urad: a tenth of a nanometre, which nothing measures and no control resolves."""
+"""Tolerance in um and urad: a tenth of a nanometre, below every measurement and every control's
+resolution.
+"""
 _SLACK = 3
-"""Decimals beyond the wanted ones at which the last bits of a sum are taken off first."""
+"""Number of further decimals at which the last bits of a sum are rounded away first."""
 
 
 def steady(value: float, decimals: int) -> float:
-    """Return ``value`` rounded to ``decimals``, never a negative zero; a tie goes the same way on
-    every processor.
+    """Return ``value`` rounded to ``decimals``, never a negative zero; a tie is rounded in the same
+    direction on every processor.
 
-    Numbers made from a few exact ones lie on ties more often than chance would have it (the middle
-    of two nodes), and there the last bits of a sum, which differ with the kernels of numpy's
-    products, would decide.
+    Numbers computed from a few exact ones are ties more often than by chance (the middle of two
+    nodes), and there the last bits of a sum, which differ with the kernels of numpy's products,
+    would decide.
     """
     return round(round(value, decimals + _SLACK), decimals) + 0.0
 
 
 def same_but_for_rounding(one: Any, other: Any, decimals: int) -> bool:
     """Return whether two JSON values differ at most by `ANOTHER_PROCESSOR` or by one in the last of
-    ``decimals``, and in nothing else.
+    ``decimals``, and in no other way.
 
-    The kernels of numpy's products change the last bits of a number; readings that hardly separate
-    two unknowns amplify them, and near the edge between two roundings they push a number over: no
-    rounding excludes this.
+    The kernels of numpy's products change the last bits of a number. Readings that hardly separate
+    two unknowns amplify this change, and near the limit between two roundings it changes the
+    rounded number: no rounding excludes this.
     """
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return list(one) == list(other) and all(

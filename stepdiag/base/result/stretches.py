@@ -1,5 +1,5 @@
-"""Stretches of an axis where tables help or could harm: the prediction slab by slab, with the draws
-of the whole volume.
+"""Stretches of an axis where tables help or could harm: the prediction section by section, with the
+draws of the whole volume.
 """
 
 from collections.abc import Iterator
@@ -16,10 +16,11 @@ from stepdiag.base.volume import Vector, Volume
 
 MOST_CELLS, MOST_STRETCHES = 10, 10
 FEWEST = 8
-"""Points of one mean square."""
+"""Number of points of one mean square."""
 CLEARLY, LEAST_UM = 1.02, 0.1
-"""By more than this factor and this many um what is left must be larger than what was there: less
-is the rounding of tables."""
+"""The remaining error must exceed the earlier one by this factor and this many um: a smaller
+increase is the rounding of tables.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,18 +36,18 @@ class Stretch:
 
     @property
     def times(self) -> float:
-        """Return by what factor the error grows."""
+        """Return the factor by which the error grows."""
         return self.after.value_um / max(self.before.value_um, 1e-9)
 
 
 def harmed(
     result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
 ) -> list[Stretch]:
-    """Return the stretches in which the machine is predicted to err more with a correction (N, 3)
-    than without, up to the interval's end.
+    """Return the stretches in which the machine's predicted error, up to the interval's end, is
+    larger with a correction (N, 3) than without.
 
-    Arguments as of `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The
-    worst comes first, and its points count for no other axis.
+    Arguments as in `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The
+    worst comes first, and its points do not count for another axis.
     """
     before, after = squares_um2(result, points_mm, correction_um, beside_um)
     open_points = np.ones(len(points_mm), dtype=np.bool_)

@@ -1,9 +1,9 @@
 """The typed members of a result's JSON: frozen dataclasses, written by their fields and read by
 their annotations.
 
-A member stands in the JSON under its field's name, unless its annotation holds another (`Named`).
-An `OPTIONAL` member is left out at its default; the entries of a mapping that is `BESIDE` the other
-members have no object of their own.
+A member has its field's name in the JSON, unless its annotation states another (`Named`). An
+`OPTIONAL` member is left out at its default; the entries of a mapping marked `BESIDE` are written
+among the other members, without an object of their own.
 """
 
 from collections.abc import Callable, Mapping
@@ -52,8 +52,9 @@ class Named:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Member:
-    """A member of a dataclass: its field, its name in the JSON, its type and what else its
-    annotation holds."""
+    """A member of a dataclass: its field, its name in the JSON, its type and the further facts of
+    its annotation.
+    """
 
     field: Field[Any]
     name: str
@@ -96,10 +97,10 @@ def read(node: Node, kind: Any) -> Any:
     """Return a value of the type ``kind``: a dataclass, a mapping, a tuple, a choice, a number, a
     text or a truth, or None.
 
-    A mapping whose names are a choice has all of them. A strict node refuses (``DataError``) the
-    first field that is unknown, missing or of another type. Of any other node unknown names,
-    damaged entries of mappings, and damaged members that have a default or may be None or empty are
-    left out.
+    A mapping whose names are a choice has all of these names. A strict node refuses (``DataError``)
+    the first field that is unknown, missing or of another type. Any other node leaves out unknown
+    names, damaged entries of mappings, and damaged members that have a default or may be None or
+    empty.
     """
     if kind in _LEAVES:
         return _LEAVES[kind](node)
@@ -119,7 +120,7 @@ def read(node: Node, kind: Any) -> Any:
 
 
 def read_or_none(node: Node, kind: Any) -> Any:
-    """Return as `read` does; None for a damaged value of a node that is not strict."""
+    """Return the value of `read`; None for a damaged value of a node that is not strict."""
     found = _kept(node, kind)
     return None if found is _ABSENT else found
 
@@ -155,8 +156,9 @@ def _object(node: Node, kind: Any) -> Any:
 
 
 def _empty(node: Node, name: str, kind: Any) -> Any:
-    """Return what stands for a damaged member without a default. Raises ``DataError`` where nothing
-    can."""
+    """Return the replacement of a damaged member without a default. Raises ``DataError`` if there
+    is no replacement.
+    """
     origin = get_origin(kind)
     if origin in (Union, UnionType):
         return None

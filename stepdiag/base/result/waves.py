@@ -1,5 +1,6 @@
-"""Waves of a function that are too short for its values: how large they may be between the
-targets."""
+"""Waves of a function that are too short for its values: their possible size between the
+targets.
+"""
 
 from collections.abc import Mapping
 
@@ -17,29 +18,28 @@ functions).
 """
 SHORTEST = 0.5
 """Standard deviation of the logarithm of an arch for waves hardly longer than two increments: drawn
-functions of five half waves on five increments differ from the size by their values by a factor of
-1.3 on average.
+functions of five half waves on five increments differ from the size predicted by their values by a
+factor of 1.3 on average.
 """
 HARMFUL = 0.42
 """Largest share of a function off the curve through its values; beyond it the values show little
 between them: more than three and a half waves on ten increments.
 """
 LEAST_VALUES = 8
-"""Of fewer values the fourth differences are too few to separate waves from bends: five increments
-would nearly always be called coarse.
+"""With fewer values, the fourth differences are too few to separate waves from bends: five
+increments would nearly always be called coarse.
 """
 FINEST_MM = 1e-3
-"""Positions closer than this to a node are its own."""
+"""Positions closer than this to a node count as the node."""
 _SURE = 2.0
-"""Factor within which values predict the waves between them: only a larger wave was not to be
-expected.
-"""
+"""Factor within which values predict the waves between them: only a larger wave is unexpected."""
 FEW_VALUES = 6
-"""Of a function with so few values the waves are not separated from their bends: half of what is
-known (in logarithms) is what is usual."""
+"""With so few values of a function its waves cannot be separated from its bends: half of the
+knowledge (in logarithms) is then the usual size.
+"""
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
-"""Drawn functions of five half waves leave the curve through so few values by so much more than the
-values show: their waves are no longer than two increments.
+"""Factor by which drawn functions of five half waves leave the curve through so few values by more
+than the values show: their waves are no longer than two increments.
 """
 _AT_ENDS = 4.3
 """The spline follows waves less well in its two cells at either end: by 1.34 and 0.59 of the
@@ -47,14 +47,15 @@ residue of a parabola through three values (computed for waves of 2.2 to 5 incre
 squares count for four cells of all.
 """
 _SEEN, _ALIASED = 0.6, 0.45
-"""Cosines of half the turn from value to value: waves down to 3.4 increments look as they are; an
-apparent wave below 2.85 may be shorter than two increments, invisible to the spline.
+"""Cosines of half the turn from value to value: waves down to 3.4 increments appear with their true
+length; an apparent wave below 2.85 may be shorter than two increments, invisible to the spline.
 """
 _UNSEEN = 1.2
-"""Of such waves functions leave the curve by so much more than a parabola through three values
-does: drawn functions are less sure at their ends."""
+"""Factor by which functions with such waves leave the curve by more than a parabola through three
+values does: drawn functions are less certain at their ends.
+"""
 _BENT, _BENT_TWICE = 6.0, 70.0
-"""Variances of the second and fourth difference of independent values over theirs."""
+"""Ratios of the variances of the second and fourth difference of independent values to theirs."""
 
 
 def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
@@ -62,7 +63,7 @@ def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
     runs of the positioning function of its axis, or without such runs, of the others' axes.
 
     A screw's pitch moves the carriage sideways too. The size of this motion is not measured, so
-    these are usual sizes and no more.
+    these are only usual sizes.
     """
     seen = {}
     for name in POSITIONING:
@@ -82,8 +83,9 @@ def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
 
 def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
     """Return by how much a function, in the middle between two nodes (rms), leaves the smooth curve
-    through its values at the nodes alone, beside what these and their noise let expect; None where
-    nothing was measured between them."""
+    through its values at the nodes, beyond the amount expected from these and their noise; None
+    without measurements between the nodes.
+    """
     at_mm, value = function.position_mm, function.value
     off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
     if value is None or not np.any(off) or len(nodes_mm) < 3:
@@ -122,8 +124,8 @@ def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
 
 
 def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the functions with possible waves between their targets that could undo a table, and
-    their size as finer runs show it of others, in um.
+    """Return the functions with possible waves between their targets that could cancel the gain of
+    a table, and the size of these waves by finer runs of other functions, in um.
     """
     shown = shown_finer_um(errors)
     return {
@@ -138,10 +140,10 @@ def _shape_um(value: Vector) -> float:
 
 
 def evenly_spaced(function: Function) -> Vector:
-    """Return the values at equally distant positions, as far apart as the function's are at most;
-    none of a function without values.
+    """Return the values at equally spaced positions, at most as far apart as the function's own;
+    None for a function without values.
 
-    Only there do bends show the length of waves, and positions that lie closer in places do not
+    Bends show the length of waves only at such positions, and locally closer positions do not
     improve this elsewhere.
     """
     at = function.position_mm
@@ -152,14 +154,14 @@ def evenly_spaced(function: Function) -> Vector:
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
     """Return by how much a function leaves the smooth curve in the middle between two of its values
-    (rms), from how these bend, and the standard deviation of the logarithm of that.
+    (rms), from their bends, and the standard deviation of the logarithm of this amount.
 
     A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth
-    differences their square: their ratio gives w. With c = cos(w/2) it leaves the spline of the
-    predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), a parabola
-    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends and of waves that
-    may be shorter than they look, all times its size. Waves of nearly two increments look longer
-    than they are.
+    differences their square: their ratio gives w. With c = cos(w/2) the wave leaves the spline of
+    the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), and a
+    parabola through three values by (1 - c)^2 (1 + c/2), both times its size; the latter is the
+    measure of the ends and of waves that may be shorter than they appear. Waves of nearly two
+    increments appear longer than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
     if bent == 0.0 or len(value) < 5:

@@ -14,13 +14,14 @@ Vector = NDArray[np.float64]
 
 WIDTH, HEIGHT = 460.0, 250.0
 INTERVALS = 5
-"""Between the marks of an axis, before their distance is rounded."""
+"""Smallest distance between the marks of an axis, before rounding."""
 NEAR_PX = 6.0
 """Largest distance in px from a node at which a pointer finds its value."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
 LETTER_PX = 9.2
-"""Of the legend in print, where three drawings stand beside each other and their letters are half
-as large again."""
+"""Size of the legend in print, where three drawings are beside each other and their letters are
+half as large again.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +37,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A data range laid on a range of pixels."""
+    """A data range mapped to a range of pixels."""
 
     low: float
     high: float
@@ -157,8 +158,9 @@ def _line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> lis
 def _values(
     series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str
 ) -> list[str]:
-    """Return the labels of the nodes of a line for a pointer: its name, both values with their
-    units, and U where there is one."""
+    """Return the labels of a line's nodes for a pointer: its name, both values with their units,
+    and U if there is one.
+    """
     (x_name, x_unit), (y_name, y_unit) = (
         label.partition(" / ")[::2] for label in (x_label, y_label)
     )
@@ -193,8 +195,9 @@ def _legend(series: Sequence[Series]) -> list[str]:
 
 
 def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: str) -> str:
-    """Return a drawing of lines with dots at the nodes and their k=2 bands; what is NaN is left
-    out."""
+    """Return a drawing of lines with dots at the nodes and their k=2 bands; NaN values are left
+    out.
+    """
     reaches = [
         s.y + sign * COVERAGE * np.nan_to_num(s.u)
         for s in series

@@ -1,5 +1,5 @@
-"""Drawings in files of their own, SVG or HTML: the volume before and after compensation to one
-scale, and charts on one sheet.
+"""Drawings in separate files, SVG or HTML: the volume before and after compensation on one scale,
+and charts on one sheet.
 """
 
 from collections.abc import Sequence
@@ -28,9 +28,9 @@ _TITLE = 24.0
 def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> str:
     """Return the picture as SVG markup.
 
-    ``prediction`` holds the error at ``space.LATTICE`` points per axis, which are drawn: what was
-    measured, less what the tables take away. ``reach`` holds the intervals in the words over the
-    drawings: the errors that the readings do not show are in them alone.
+    ``prediction`` holds the error at ``space.LATTICE`` points per axis for the drawing: the
+    measured error, less the correction of the tables. ``reach`` holds the intervals in the words
+    over the drawings: only these include the errors that the readings do not show.
     """
     shown = prediction.picture()
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
@@ -65,8 +65,9 @@ def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> 
 
 
 def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) -> str:
-    """Return the drawings of `stepdiag.report.drawings.charts` one below the other under a title;
-    ``suffix`` is one of `SUFFIXES`."""
+    """Return the drawings of `stepdiag.report.drawings.charts` below each other under a title;
+    ``suffix`` is one of `SUFFIXES`.
+    """
     parts = [
         svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"),
         svg.text(title, charts.LEFT, 16, class_="strong"),
@@ -79,8 +80,9 @@ def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) 
 
 
 def drawing_file(drawing: str, suffix: str, title: str, language: Language) -> str:
-    """Return a drawing as a file of its own: SVG, or an HTML page in which a space can be turned.
-    ``suffix`` is one of `SUFFIXES`."""
+    """Return a drawing as a separate file: SVG, or an HTML page in which a space can be turned.
+    ``suffix`` is one of `SUFFIXES`.
+    """
     style = _part("report.css") + ".figure { max-width: none; }"
     if suffix == ".svg":
         head, rest = drawing.split(">", 1)

@@ -10,15 +10,16 @@ from dataclasses import dataclass
 from stepdiag.base.result.rounding import steady
 
 DECIMALS = 9
-"""Less than the resolution of any instrument; the last bits of a sum, which differ from processor
-to processor, do not show.
+"""A number below the resolution of any instrument, so that the last bits of a sum, which differ
+between processors, are not written.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A drawing (SVG) and the numbers behind it (CSV); ``name`` is the stem of the CSV file and,
-    without a space in it, an id."""
+    """A drawing (SVG) and its numbers (CSV); ``name`` is the stem of the CSV file and, without
+    spaces, an id.
+    """
 
     name: str
     title: str

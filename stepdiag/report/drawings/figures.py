@@ -17,7 +17,7 @@ from stepdiag.texts.texts import UNITS
 Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N,
 3) in um."""
-"""Units of the result as a person writes them."""
+"""Units of the result in the form for a person."""
 
 
 def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:
@@ -53,8 +53,9 @@ def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure
 
 
 def _lines(function: Function, reversal: Function | None, words: dict[str, str]) -> list[Series]:
-    """Return the mean of both directions with its band, and the two directions where the data give
-    them."""
+    """Return the mean of both directions with its band, and the two directions if the data give
+    them.
+    """
     assert function.value is not None
     mean = Series(label=words["mean"], x=function.position_mm, y=function.value, u=function.u)
     if (
@@ -93,8 +94,9 @@ def volumetric_errors(result: Result, correction: Correction | None, count: int)
 def field_figures(
     result: Result, correction: Correction | None, words: dict[str, str]
 ) -> list[Figure]:
-    """Return the error field before and, where a correction is given, after it: same magnification,
-    same colours."""
+    """Return the error field before the correction and, with a given correction, after it: same
+    magnification, same colours.
+    """
     fields = volumetric_errors(result, correction, space.LATTICE)
     longest = max(field_statistics(field)[1] for field in fields)
     points = space.lattice_mm(result.volume)
@@ -125,8 +127,9 @@ def field_figures(
 
 
 def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
-    """Return the closure residual ppp - npp - pnp - ppn by axis and node where the result carries
-    it, else nothing."""
+    """Return the closure residual ppp - npp - pnp - ppn by axis and node, if the result contains
+    it, else None.
+    """
     closure = result.closure_um
     if closure is None:
         return []
@@ -157,7 +160,7 @@ def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | 
 
     None where an axis did not travel: there is no volume to draw.
 
-    ``longest_um`` is the length of the longest vector: what both drawings are scaled by.
+    ``longest_um`` is the length of the longest vector, which scales both drawings.
     """
     if not result.volume.solid:
         return None

@@ -67,7 +67,7 @@ def _plane(
 
 
 def worst_point(volume: Volume, errors_um: Array) -> tuple[tuple[float, float, float], float]:
-    """Return where the lattice errs most, in mm, and by how much, in um."""
+    """Return the place of the largest error on the lattice, in mm, and its size in um."""
     size = np.linalg.norm(errors_um, axis=1)
     index = int(np.argmax(size))
     x, y, z = lattice_mm(volume)[index].tolist()

@@ -1,5 +1,6 @@
-"""The error field of the volume in 3-D: a wire frame in parallel projection, which prints as well
-as it turns on a screen."""
+"""The error field of the volume in 3-D: a wire frame in parallel projection, suitable for print and
+for turning on a screen.
+"""
 
 import json
 import math
@@ -21,7 +22,7 @@ WIDTH, HEIGHT, MARGIN = 460.0, 350.0, 52.0
 LATTICE = 5
 """Points per axis of the lattice drawn."""
 LONGEST_PX = 36.0
-"""Length of the longest error drawn; errors are magnified to this."""
+"""Length of the longest drawn error; all errors are magnified accordingly."""
 SHADES = 5
 
 
@@ -47,8 +48,9 @@ def lattice_mm(volume: Volume, count: int = LATTICE) -> Array:
 
 
 class WireFrame:
-    """Points in space, in pixels about the middle of the volume, the lines between them, and what a
-    pointer finds there."""
+    """Points in space, in pixels about the middle of the volume, the lines between them, and their
+    labels for a pointer.
+    """
 
     def __init__(self) -> None:
         self.points: list[tuple[float, float, float]] = []
@@ -63,7 +65,7 @@ class WireFrame:
         return first
 
     def markup(self) -> str:
-        """Return the frame as seen from `AZIMUTH_DEG`, `ELEVATION_DEG`, with the data that a script
+        """Return the frame viewed from `AZIMUTH_DEG`, `ELEVATION_DEG`, with the data that a script
         needs to turn the view.
         """
         flat = np.array(self.points) @ view_matrix().T
@@ -89,7 +91,7 @@ class WireFrame:
 
 
 def _px_per_mm(volume: Volume) -> float:
-    """Return the scale at which the volume fits on the sheet from wherever it is seen."""
+    """Return the scale at which the volume fits on the sheet from every direction of view."""
     diagonal = float(np.linalg.norm(volume.size_mm))
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * np.asarray(volume.size_mm)
     reach = 2 * np.abs(corners @ view_matrix().T).max(axis=0)
@@ -137,12 +139,12 @@ def shade(magnitude: float, longest: float) -> int:
 
 
 def magnification(volume: Volume, longest_um: float) -> float:
-    """Return how many times larger than life an error is drawn."""
+    """Return the magnification of a drawn error."""
     return LONGEST_PX / (longest_um * 1e-3 * _px_per_mm(volume)) if longest_um > 0 else 0.0
 
 
 def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label: str) -> str:
-    """Return the lattice as the machine really drives it, its errors magnified.
+    """Return the lattice as the machine really drives it, with its errors magnified.
 
     ``errors_um`` has shape (LATTICE**3, 3), the order of `lattice_mm`; ``longest_um`` sets
     magnification and colours, so that drawings with the same value can be compared.

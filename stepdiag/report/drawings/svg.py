@@ -1,5 +1,6 @@
-"""SVG written by hand: every text escaped, every number rounded once, so that equal input gives
-equal bytes."""
+"""SVG as text: every text escaped, every number rounded once, so that equal input gives equal
+bytes.
+"""
 
 from collections.abc import Iterable
 from html import escape
@@ -13,15 +14,16 @@ def number(value: float) -> str:
 
 
 def fixed(value: float) -> str:
-    """Return a value as a person reads it: two decimals, the same on every processor, no minus
-    nought."""
+    """Return a value in the form for a person: two decimals, the same on every processor, no
+    negative zero.
+    """
     return f"{steady(value, 2):.2f}"
 
 
 def element(tag: str, *content: str, **attributes: str | float) -> str:
     """Return one element.
 
-    ``content`` is markup already; attribute values are escaped. ``class_`` is written ``class`` and
+    ``content`` is already markup; attribute values are escaped. ``class_`` is written ``class`` and
     an underscore in a name becomes a hyphen (``stroke_width``).
     """
     written = "".join(
@@ -50,7 +52,7 @@ def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:
 
 
 def drawing(width: float, height: float, label: str, *content: str) -> str:
-    """Return a whole drawing that scales with its place; ``label`` is the text of a screen
+    """Return a complete drawing that scales with its space; ``label`` is the text for a screen
     reader.
     """
     return element(

@@ -16,8 +16,8 @@
               program-aborted (value: stops to go back before it is restarted; its duration in
               machine seconds)
 
-Garbage of a value below 0 is a loss of so many bytes instead. A fault strikes once: ``delay_s``
-after the program comes to its place; without a place, ``delay_s`` after the start of the bench.
+Garbage of a value below 0 is a loss of so many bytes instead. A fault occurs once: ``delay_s``
+after the program reaches its place, or without a place ``delay_s`` after the start of the bench.
 """
 
 import threading
@@ -93,8 +93,8 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class FaultBoard:
-    """Arms faults when their place is reached and gives the devices the active faults. Safe to use
-    from several threads.
+    """Arms faults at their places and passes the active faults to the devices. Safe to use from
+    several threads.
     """
 
     def __init__(self, faults: tuple[Fault, ...] = ()) -> None:
@@ -111,8 +111,9 @@ class FaultBoard:
                 self._armed.append((wall_s + fault.delay_s, fault))
 
     def reach(self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float) -> None:
-        """Arm what waits for this place; the faults of the program itself wait until it takes
-        them."""
+        """Arm the faults that wait for this place; the faults of the program itself wait until the
+        program uses them.
+        """
         with self._lock:
             for fault in [
                 f

@@ -1,5 +1,5 @@
-"""Lines of instruments: a real pseudo-terminal, reached under a stable name as an udev link is, or
-a real TCP port.
+"""Lines of instruments: a real pseudo-terminal with a stable name like an udev link, or a real TCP
+port.
 """
 
 import errno
@@ -19,11 +19,11 @@ from stepdiag.virtual.base.reserved import reserved_port
 
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
-"""A full buffer for this time in s means that nothing reads the line."""
+"""Time in s for which a full buffer means that no program reads the line."""
 
 
 class Line(Protocol):
-    """The line of an instrument. ``name`` is its address; ``fresh`` reports a new guest, once.
+    """The line of an instrument. ``name`` is its address; ``fresh`` reports a new client, once.
 
     A ``lossless`` line waits for its reader.
     """
@@ -52,8 +52,8 @@ class SerialLine:
     """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged
     in.
 
-    A line without a reader is like a closed port: old bytes are thrown away, so that a later reader
-    gets the present. A ``lossless`` line waits for its reader instead, for load tests.
+    A line without a reader is like a closed port: old bytes are discarded, so that a later reader
+    gets the present ones. A ``lossless`` line waits for its reader instead, for load tests.
     """
 
     def __init__(self, link: Path, *, lossless: bool = False) -> None:
@@ -87,7 +87,7 @@ class SerialLine:
         self._full_since_s = None
 
     def unplug(self) -> None:
-        """Take the line away: its reader sees a hang-up, the link is gone."""
+        """Remove the line: its reader receives a hang-up, and the link disappears."""
         if not self.plugged:
             return
         self.link.unlink(missing_ok=True)
@@ -96,11 +96,11 @@ class SerialLine:
         self._master = self._slave = -1
 
     def end(self) -> None:
-        """End every wait for a reader; may be called from another thread."""
+        """End every wait for a reader; callable from another thread."""
         self._ended.set()
 
     def write(self, data: bytes) -> None:
-        """Send bytes; what does not fit is lost, unless the line is lossless."""
+        """Send bytes; those that do not fit are lost, unless the line is lossless."""
         self._discard_unread()
         rest = memoryview(data)
         while rest and self.plugged:
@@ -112,7 +112,7 @@ class SerialLine:
                 select.select([], [self._master], [], 0.05)
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what came from the other side within ``timeout_s``, maybe nothing."""
+        """Return the bytes from the other side within ``timeout_s``, possibly none."""
         if not self.plugged:
             time.sleep(timeout_s)
             return b""
@@ -147,7 +147,7 @@ class SerialLine:
 
 
 class TcpLine:
-    """An instrument's TCP port on loopback: a single guest at a time, the same port after
+    """An instrument's TCP port on loopback: a single client at a time, the same port after
     unplugging. Without a guest bytes are lost.
     """
 
@@ -185,8 +185,9 @@ class TcpLine:
         """There is no wait here."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the guest; what a guest that does not read has no room for is lost, and so
-        is the guest."""
+        """Send bytes to the client; bytes without space in its buffer are lost, and its connection
+        is closed.
+        """
         self._admit()
         rest = memoryview(data)
         while rest and self._guest is not None:
@@ -196,7 +197,7 @@ class TcpLine:
                 self._leave()
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what came within ``timeout_s``, maybe nothing."""
+        """Return the bytes received within ``timeout_s``, possibly none."""
         self._admit()
         waiting = [each for each in (self._guest, self._listener) if each is not None]
         if not waiting:
@@ -214,7 +215,7 @@ class TcpLine:
         return data
 
     def _admit(self) -> None:
-        """Let a new guest in; the former guest goes."""
+        """Accept a new client; the former client is disconnected."""
         if self._listener is None:
             return
         try:

@@ -7,10 +7,10 @@ def reserved_port() -> int:
     """Return a loopback port that belongs to this process until its end, with or without a
     listener.
 
-    A socket of this process is bound to the port and never listens. The kernel then gives the port
-    to no other request for any port, be it for a server or for the near end of a connection; the
-    listener uses SO_REUSEADDR, as servers do (socket(7)). A port that was merely found free is the
-    near end of a connection a second later on a busy computer.
+    A socket of this process is bound to the port and never listens. The kernel then assigns the
+    port to no other request for any port, neither for a server nor for the near end of a
+    connection; the listener uses SO_REUSEADDR, as servers do (socket(7)). On a busy computer a port
+    that was only found free becomes the near end of a connection a second later.
     """
     held = socket.socket()
     held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,4 +1,4 @@
-"""The bench: built whole from one settings file and run.
+"""The bench: built completely from one settings file and run.
 
 In: a TOML file. Out: a machine, a PLC and lasers that send. Imported by `__main__`, tests and the
 demo.

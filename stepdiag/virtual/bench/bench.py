@@ -46,8 +46,8 @@ from stepdiag.virtual.plc.plc import Plc
 
 _HEAD_CHUNK_S = 0.02
 _SEEN, _SEEN_MOVING_S = 0.8, 0.03
-"""Share of a dwell for which a patient machine must be looked at; wall seconds of a move, which may
-be shorter than a hold-up.
+"""Share of a dwell during which a patient machine must be polled; wall seconds of a move, which may
+be shorter than a delay.
 """
 Tell = Callable[[dict[str, str]], None]
 
@@ -62,8 +62,8 @@ class VirtualBench:
     """A whole machine hall on loopback; used in a ``with`` statement, or by `start` and `close`.
 
     ``directory`` is where relative links of serial lines appear. ``tell`` is called from a worker
-    thread with an event when a setup begins, when it waits for its start and when the program is
-    over.
+    thread with an event at the beginning of a setup, when the program waits for its start, and at
+    its end.
     """
 
     def __init__(self, config: BenchConfig, directory: Path, *, tell: Tell | None = None) -> None:
@@ -102,7 +102,7 @@ class VirtualBench:
             worker.start()
 
     def close(self) -> None:
-        """Stop every device; all threads, sockets and ptys are gone afterwards."""
+        """Stop every device; all threads, sockets and ptys are closed afterwards."""
         for worker in reversed(self._workers):
             worker.close()
         self._workers.clear()
@@ -292,7 +292,7 @@ class VirtualBench:
             self._say("finished" if step.beam else "waiting", "")
 
     def _unseen(self, segment: Segment) -> bool:
-        """Return whether a step must go on because the recorder was held up while it lasted."""
+        """Return whether a step must continue because the recorder was delayed during it."""
         scale = self._clock.scale
         wanted_s = (
             _SEEN * segment.step.duration_s / scale

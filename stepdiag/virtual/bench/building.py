@@ -74,7 +74,8 @@ def build_box(config: BenchConfig) -> Box:
 
 def build_errors(config: BenchConfig) -> ErrorSet:
     """Return the 21 errors and the reversal (backlash as lost motion: the axis lags by half of it
-    in either direction)."""
+    in either direction).
+    """
     part, volume = config.machine, config.volume
     amplitudes = Amplitudes(
         positioning_um=part.positioning_um,
@@ -203,8 +204,9 @@ def build_plan(config: BenchConfig) -> Plan:
 
 
 def alignment_of(config: BenchConfig, setup: str) -> Alignment:
-    """Return how well this setup is aligned; the directions of its angles are drawn by seed and
-    name."""
+    """Return the alignment of this setup; the directions of its angles are drawn by seed and
+    name.
+    """
     part, laser = config.alignment, config.laser or LaserPart()
     rng = np.random.default_rng([config.seed, *setup.encode("ascii")])
     mirror, beam = rng.uniform(0.0, 2.0 * math.pi, size=2)
@@ -223,7 +225,7 @@ def alignment_of(config: BenchConfig, setup: str) -> Alignment:
 
 
 def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setup]:
-    """Return the function that sets laser and target up for a setup by its name, once per setup."""
+    """Return the function that sets up laser and target for a setup by its name, once per setup."""
     box = build_box(config)
     built: dict[str, Setup] = {}
 
@@ -238,7 +240,7 @@ def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setu
 def head_builder(
     config: BenchConfig, part: HeadPart, machine: Machine
 ) -> Callable[[str], VirtualHead]:
-    """Return the function that stands the 4-DOF head up for a run along an axis, once per run.
+    """Return the function that mounts the 4-DOF head for a run along an axis, once per run.
 
     The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z
     for a beam along +X, -X and +Z along +Y, +X and +Y along +Z.
@@ -292,7 +294,7 @@ def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The surroundings of an instrument beside its beam: the air and material around it, and
+    """The surroundings of an instrument besides its beam: the air and material around it, and
     whether the stop relay is closed at wall times.
     """
 

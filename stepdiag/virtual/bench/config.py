@@ -38,14 +38,14 @@ class OffsetPart(_Part, frozen=True):
 
 
 class ProgramPart(_Part, frozen=True):
-    """The program driven; machine seconds. ``start`` is the beginning of a setup: after
+    """The driven program; machine seconds. ``start`` is the beginning of a setup: after
     ``pause_s``, or on command.
 
     ``decimals`` are the places to which a hand-written program rounds its positions; an
-    ``incremental`` program (G91) rounds its steps. ``overrun_mm`` 0 turns round at the last stop;
-    without ``first_overrun`` the first pass of a setup alone begins without overrun. A ``patient``
-    machine moves and dwells until the recorder has looked at it for most of this time without a
-    break (`stepdiag.virtual.plc.attention`).
+    ``incremental`` program (G91) rounds its steps. With ``overrun_mm`` 0 the program reverses at
+    the last stop; without ``first_overrun`` only the first pass of a setup begins without overrun.
+    A ``patient`` machine moves and dwells until the recorder has polled it for most of this time
+    without a break (`stepdiag.virtual.plc.attention`).
     """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
@@ -121,8 +121,8 @@ class HallPart(_Part, frozen=True):
 
 
 class AlignmentPart(_Part, frozen=True):
-    """Alignment of laser and mirror: angles of these sizes in directions drawn by the seed, for
-    every setup anew.
+    """Alignment of laser and mirror: angles of these sizes in directions drawn by the seed, new for
+    every setup.
     """
 
     mirror_mrad: float = 0.0
@@ -137,8 +137,8 @@ class LaserPart(_Part, frozen=True):
     """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is the place of the
     port, for ``wire = "serial"``.
 
-    ``chunk_s`` is the time for which the adapter holds bytes back: the latency timer of an FTDI
-    chip in its factory setting.
+    ``chunk_s`` is the time for which the adapter holds bytes: the latency timer of an FTDI chip in
+    its factory setting.
     """
 
     format: Literal["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"] = "umd"
@@ -182,8 +182,8 @@ class HeadPart(_Part, frozen=True):
 
 
 class AirPart(_Part, frozen=True):
-    """A sensor of air and material: a PTU300 that is asked, or a logger that sends by itself, on a
-    pty or a TCP port.
+    """A sensor of air and material: a PTU300 that answers requests, or a logger that sends by
+    itself, on a pty or a TCP port.
     """
 
     format: Literal["ptu300", "logger"] = "ptu300"
@@ -195,9 +195,9 @@ class PlcPart(_Part, frozen=True):
     """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
 
     ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal.
-    ``positions`` are commanded or actual ones. The actual ones show ``machine.servo_um`` and
+    ``positions`` are commanded or actual ones. The actual ones contain ``machine.servo_um`` and
     scatter by ``scatter_um`` (standard deviation) from scan to scan; ``resolution_mm`` is the last
-    digit that the control shows.
+    digit of the control.
     """
 
     transport: Literal["tcp", "rtu"] = "tcp"

@@ -51,8 +51,9 @@ class AxisTable:
         return value if self.factor is None else value * self.factor.value_at(commanded_mm)
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
-        """Return the corrections of the axes, shape (N, 3). Direction 0 stands for the mean of both
-        directions."""
+        """Return the corrections of the axes, shape (N, 3). Direction 0 means the mean of both
+        directions.
+        """
         acting = (
             1.0 if self.travel == 0 else 0.5 * (1.0 + self.travel * direction[:, self.input_axis])
         )

@@ -13,8 +13,8 @@ from stepdiag.virtual.control.chain import SQUARENESS_TURNS, ChainTable, Nodes
 def load_volumetric(
     text: str, *, chain: str = "FXYZ", carries: bool = False, negate: str = ""
 ) -> ChainTable:
-    """Return what a volumetric file does on a machine of this chain. Raises ValueError for a column
-    unknown to the kernel.
+    """Return the correction by a volumetric file on a machine of this chain. Raises ValueError for
+    a column unknown to the kernel.
     """
     functions: dict[str, Nodes] = {}
     squareness: dict[str, float] = {}

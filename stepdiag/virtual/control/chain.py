@@ -13,7 +13,7 @@ from stepdiag.virtual.physics.kinematics import rotation_matrix, split_chain
 Nodes = tuple[Array, Array]
 """Positions in mm and values (mm or rad) of one function, linear between and held outside."""
 SQUARENESS_TURNS = {"C0Y": (1, 2), "B0Z": (2, 1), "A0Z": (2, 0)}
-"""Axis whose travel leans, and about which axis it is turned."""
+"""The axis whose travel leans, and the axis about which it is turned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,8 +22,8 @@ class ChainTable:
     opposite.
 
     ``carries``: a leaning axis also turns the axes and parts that it carries, otherwise it leans
-    alone. ``before_travel``: the errors of every axis stand nearer to the tool than its travel, on
-    either side of the bed. ``negated`` are output axes whose movement is turned round.
+    alone. ``before_travel``: the errors of every axis are nearer to the tool than its travel, on
+    either side of the bed. ``negated`` are output axes with reversed movement.
     """
 
     chain: str

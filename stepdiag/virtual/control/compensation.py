@@ -22,7 +22,7 @@ _COMP_SUFFIXES = (".comp", ".dat", ".txt")
 
 
 def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> Sequence[Acting]:
-    """Return the tables that act after all ``files`` have been loaded into a control of this make.
+    """Return the active tables after all ``files`` have been loaded into a control of this make.
 
     A LinuxCNC screw file belongs to the axis in its name (``screw_x.comp``, ``compX.dat``); a
     ``.hal`` file sets the matrix kinematics, a ``.csv`` is the lattice of the kinematics component.
@@ -48,8 +48,9 @@ def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> 
 
 
 def _heidenhain(texts: dict[str, str]) -> ChainTable:
-    """Return what .COM tables do that are called by the names of their axes, with the rows of the
-    kinematics table where there are any."""
+    """Return the correction by .COM tables with the names of their axes, with the rows of the
+    kinematics table if there are any.
+    """
     tables = {
         found[1]: text
         for name, text in texts.items()

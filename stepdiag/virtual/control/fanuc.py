@@ -1,7 +1,7 @@
 """A virtual FANUC control: stored pitch error compensation from punched parameter and pitch data.
 
 B-64303CM-1/01 section 1.3.1 and B-63980EN/01 p. 100: point N covers the section N-1 to N and holds
-what is added when the axis passes it in +; the compensation is output at the point, not
+the value added when the axis passes it in +; the compensation is output at the point, not
 interpolated. It is added to the command.
 """
 
@@ -26,8 +26,9 @@ class _Memory:
     """Parameters that belong to no axis."""
 
     def read(self, text: str) -> None:
-        """Read from the first % to the next one: what follows a stray % is lost, as on the
-        machine."""
+        """Read from the first % to the next one: text after a stray % is lost, as on the
+        machine.
+        """
         body = text.replace("\r", "\n").split("%")
         for line in (body[1] if len(body) > 1 else body[0]).split("\n"):
             if found := _LINE.match(line):
@@ -71,10 +72,10 @@ def load_fanuc(
     least_input_mm: float = 0.001,
     interpolated: bool = False,
 ) -> list[AxisTable]:
-    """Return the tables of axes 1 to 3 after ``texts`` (parameters and pitch data, one or several
-    files) have been read in.
+    """Return the tables of axes 1 to 3 after loading ``texts`` (parameters and pitch data, one or
+    several files).
 
-    An axis whose parameter 3624 (interval) is 0 or not there has no compensation. ``interpolated``:
+    An axis whose parameter 3624 (interval) is 0 or missing has no compensation. ``interpolated``:
     series that interpolate between points. Raises ValueError for a missing parameter or pitch
     point.
     """
@@ -98,8 +99,8 @@ def load_fanuc(
 def _straightness(
     memory: _Memory, number: int, unit_mm: float, least_input_mm: float
 ) -> list[AxisTable]:
-    """Return a straightness compensation: at four pitch points of the moving axis, in straight
-    lines, what is added to another axis.
+    """Return a straightness compensation: the values added to another axis at four pitch points of
+    the moving axis, with straight lines between.
 
     B-63522EN/02 15.5; a set without a moving axis is off. The numbers of the parameters are those
     of the virtual control only.
@@ -156,7 +157,9 @@ def _increment(memory: _Memory, point: int) -> int:
 
 
 def _absolute(increments: list[int], reference: int) -> list[int]:
-    """Return the sums of the increments, one more than they are, zero at index ``reference``."""
+    """Return the sums of the increments, one value more than increments, zero at index
+    ``reference``.
+    """
     sums = [0]
     for increment in increments:
         sums.append(sums[-1] + increment)

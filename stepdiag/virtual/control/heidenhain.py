@@ -1,9 +1,9 @@
 """A virtual iTNC 530: .COM tables, and KinematicsComp with the rows of a kinematics table (HSCI
 technical manual pp. 666-686).
 
-A table without rows in the kinematics table acts through its axis columns alone: the column Z of
-the table of X is Z = F(X). The rows of an axis stand before its ``MachAxis``, seen from the tool,
-and name the columns C1 to C6 of its table; turns are in degrees.
+A table without rows in the kinematics table is active only through its axis columns: the column Z
+of the table of X is Z = F(X). The rows of an axis come before its ``MachAxis``, viewed from the
+tool, and name the columns C1 to C6 of its table; turns are in degrees.
 """
 
 import re
@@ -25,8 +25,8 @@ def load_tables(
     """Return the effect of the .COM texts, by the axis name of each in the .CMA line; ``lines`` are
     rows of the kinematics table.
 
-    ``axis_names`` gives X, Y or Z for each name of an axis. Without rows the chain plays no part:
-    no turn acts.
+    ``axis_names`` gives X, Y or Z for each name of an axis. Without rows the chain has no effect:
+    no turn is active.
     """
     functions: dict[str, Nodes] = {}
     columns = {axis_names[name]: _columns(text) for name, text in tables.items()}

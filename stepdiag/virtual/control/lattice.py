@@ -1,5 +1,6 @@
-"""A virtual control with a lattice over the volume: what is added to the axes at each vertex,
-trilinear between (A-79351E p. 3)."""
+"""A virtual control with a lattice over the volume: the values added to the axes at each vertex,
+trilinear between (A-79351E p. 3).
+"""
 
 from dataclasses import dataclass
 

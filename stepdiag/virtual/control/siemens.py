@@ -26,7 +26,7 @@ _OFF = ("0", "FALSE")
 
 @dataclass(slots=True)
 class _Memory:
-    """The system variables as the file leaves them: name -> index words -> text."""
+    """The system variables after the file: name -> index words -> text."""
 
     cells: dict[str, dict[tuple[str, ...], str]] = field(default_factory=dict)
 
@@ -46,10 +46,10 @@ class _Memory:
 
 
 class SiemensControl:
-    """A control that keeps loaded values: a value that a later file does not write stays.
+    """A control that keeps loaded values: a value that a later file does not write remains.
 
-    Only EEC tables of ``measuring_system`` act. A table that was switched off does not act; a table
-    that no text ever switched is taken as loaded into a control with the compensation on.
+    Only EEC tables of ``measuring_system`` are active. A table that was switched off is inactive; a
+    table that no text ever switched counts as loaded into a control with the compensation on.
     ``adds_linked``: see `_cross_tables`.
     """
 
@@ -111,12 +111,12 @@ def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) ->
 def _cross_tables(
     memory: _Memory, names: Mapping[str, int], *, adds_linked: bool = False
 ) -> list[AxisTable]:
-    """Return the CEC tables that act. Two that are linked by $AN_CEC_MULT_BY_TABLE give their
-    product (K3 p. 249).
+    """Return the active CEC tables. Two that are linked by $AN_CEC_MULT_BY_TABLE give their product
+    (K3 p. 249).
 
-    In the example of p. 252 nothing but the product moves the axis, so a linked table adds nothing
-    of its own; ``adds_linked`` is the other reading of the words, a control that adds both tables
-    beside their product.
+    In the example of p. 252 only the product moves the axis, so a linked table adds no movement of
+    its own; ``adds_linked`` is the other reading of the words, a control that also adds both
+    tables.
     """
     active = [index for index in memory.indices("AN_CEC_STEP") if not _is_off(memory, index)]
     linked = {

@@ -1,7 +1,7 @@
-"""The control at work: the commanded place of every axis at any moment, and the machine's signals.
+"""The running control: the commanded place of every axis at any moment, and the machine's signals.
 
 Time is machine time in seconds from the start of the bench. The player only moves forward; readers
-may look back a little.
+may read a short time back.
 """
 
 import math
@@ -18,7 +18,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 _HISTORY = 512
 _HELD_S = 0.1
-"""Time in s by which a held step is prolonged before the next question."""
+"""Time in s by which a held step is prolonged before the next check."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -27,9 +27,9 @@ class Segment:
     counts from 0.
 
     ``stop_count`` is the counter from its beginning on. ``from_mm`` and ``to_mm`` are commanded,
-    ``true_from_mm`` and ``true_to_mm`` where the axes stand: an axis that does not move keeps its
-    place. ``servo_um`` is the part of this difference that the encoders see, at begin and end.
-    ``approach`` is the sign of each axis' last movement.
+    ``true_from_mm`` and ``true_to_mm`` are the real places of the axes: an axis that does not move
+    keeps its place. ``servo_um`` is the part of this difference that the encoders show, at begin
+    and end. ``approach`` is the sign of each axis' last movement.
     """
 
     number: int
@@ -60,8 +60,8 @@ class Drive:
     permanent hum.
 
     Each move of an axis draws an error of arrival along this axis (standard deviations):
-    ``repeatability_um`` is beyond the encoder, ``servo_um`` is the position error at standstill,
-    which the encoder sees.
+    ``repeatability_um`` is not visible to the encoder, ``servo_um`` is the position error at
+    standstill, which the encoder shows.
     """
 
     feed_mm_min: float = 2000.0
@@ -96,8 +96,9 @@ class Drive:
         return done
 
     def ring_um_at(self, segment: Segment, time_s: Array) -> Array:
-        """Return how far the structure swings along the last move, shape (N,); nothing while the
-        axes move."""
+        """Return the swing of the structure along the last move, shape (N,); zero while the axes
+        move.
+        """
         if segment.step.kind == "move":
             return np.zeros_like(time_s)
         since = time_s - max(segment.arrived_s, 0.0)
@@ -165,7 +166,7 @@ class Player:
                 self._enter(current)
 
     def capture(self, stop_count: int, at_s: float) -> None:
-        """Take the handshake: the stop with this counter has been captured."""
+        """Process the handshake: the stop with this counter has been captured."""
         with self._lock:
             self._captured = (stop_count, at_s)
 
@@ -180,15 +181,17 @@ class Player:
 
     def start(self, at_s: float, first: Iterable[Step] = ()) -> None:
         """Begin the next setup that waits for a start, after the steps ``first``; a start before
-        the machine waits is not remembered."""
+        the machine waits is ignored.
+        """
         with self._lock:
             if self._segments[-1].step.kind == "pause" and self._segments[-1].end_s == math.inf:
                 self._program = chain(first, self._program)
             self._started_s = at_s
 
     def span(self, first_s: float, last_s: float) -> list[Segment]:
-        """Return the segments that cover ``first_s`` .. ``last_s`` in order, as far as they are
-        remembered."""
+        """Return the segments that cover ``first_s`` .. ``last_s`` in order, if they are still
+        stored.
+        """
         self.advance(last_s)
         with self._lock:
             return [
@@ -204,7 +207,7 @@ class Player:
         return self._segments[0]
 
     def _decide_end(self, segment: Segment) -> None:
-        """End a segment whose awaited event has come, and go on with a held segment."""
+        """End a segment whose awaited event has occurred, and continue with a held segment."""
         step = segment.step
         if segment.end_s != math.inf:
             if segment.end_s <= self._now_s and self._held(segment):
@@ -220,7 +223,7 @@ class Player:
             segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
 
     def _held(self, segment: Segment) -> bool:
-        """Return whether a dwell goes on, or an axis is in position without saying so. With a
+        """Return whether a dwell continues, or an axis is in position without a signal. With a
         handshake no look is needed.
         """
         shown = segment.step.kind == "move" or (
@@ -256,8 +259,9 @@ class Player:
             self._on_enter(segment)
 
     def _arrive(self, last: Segment, target: Array) -> tuple[Array, Array]:
-        """Return where the axes stand after a move, and by how much the encoders see them off, both
-        (3,)."""
+        """Return the places of the axes after a move, and their errors in the encoders, both
+        (3,).
+        """
         drawn_um = self._rng.normal(size=(2, 3)) * [
             [self._drive.repeatability_um],
             [self._drive.servo_um],

@@ -1,5 +1,6 @@
-"""The NC program of the virtual survey, step by step: moves, dwells, pauses, and what faults make
-of them."""
+"""The NC program of the virtual survey, step by step: moves, dwells, pauses, and the effects of
+faults.
+"""
 
 import math
 from collections.abc import Iterator
@@ -13,18 +14,18 @@ from stepdiag.virtual.drive.sequence import Box, DrivenPass, axis_of_run, driven
 from stepdiag.virtual.physics.error_functions import Array
 
 _GAP_S = 0.2
-"""Time in which the program does not stand at a stop although no axis moves."""
+"""Time during which the program is not at a stop although no axis moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
     """The next step of the control.
 
-    A move ends at ``target_mm`` (3,); dwells and pauses stay where they are. ``duration_s`` holds
-    for dwells and pauses, infinite until the program is started. ``counts`` is the stop's addition
-    to the stop counter; a stop that is not ``signalled`` happens silently. ``setup`` is empty
-    between two programs, ``pass_number`` is 0 before the first pass; during an ``alarm`` the
-    program does not run.
+    A move ends at ``target_mm`` (3,); dwells and pauses have no movement. ``duration_s`` applies to
+    dwells and pauses, infinite until the program is started. ``counts`` is the stop's addition to
+    the stop counter; a stop that is not ``signalled`` gives no signal. ``setup`` is empty between
+    two programs, ``pass_number`` is 0 before the first pass; during an ``alarm`` the program does
+    not run.
     """
 
     kind: Literal["move", "dwell", "pause"]
@@ -45,9 +46,9 @@ class Plan:
     """The plan of the drive: setups in order, ``passes`` of each, odd passes outward. ``pause_s``
     None waits for a start each time.
 
-    ``overrun_mm`` is the way beyond the first stop of a pass, so that every axis comes to this stop
-    in the direction of the pass; without ``first_overrun`` the program overruns at the turns only,
-    not before the first pass of a setup.
+    ``overrun_mm`` is the distance beyond the first stop of a pass, so that every axis reaches this
+    stop in the direction of the pass; without ``first_overrun`` the program overruns only at the
+    turns, not before the first pass of a setup.
     """
 
     box: Box
@@ -59,14 +60,15 @@ class Plan:
     first_overrun: bool = True
     pause_s: float | None = 2.0
     commission_s: tuple[float, float, float] | None = None
-    """Times in s for which the first pass of a run of the head stands at a jog, wobbled and without
-    light, to commission the head on its way.
+    """Times in s for which the first pass of a run of the head stands at a jog, with wobble and
+    without light, to commission the head on its way.
     """
 
 
 def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
     """Yield every step of the survey; the beam is off while laser and mirror are moved to the next
-    setup."""
+    setup.
+    """
     for setup in plan.setups:
         yield Step(
             kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False
@@ -75,7 +77,7 @@ def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
 
 
 def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
-    """Yield the steps of a setup driven again, and the wait after it."""
+    """Yield the steps of a repeated setup, and the wait after it."""
     yield from _setup_steps(plan, setup, faults)
     yield Step(
         kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False
@@ -144,7 +146,8 @@ def _commissioning(
     stand_s: tuple[float, float, float], driven: DrivenPass, stop: int
 ) -> Iterator[Step]:
     """Jog the other axes at the near end, before the second stop, and at the far end, before the
-    last; wobble, and block there."""
+    last; wobble, and block the beam there.
+    """
     ends = [end for end, at in ((0, 1), (-1, len(driven.stop_mm) - 1)) if stop == at]
     for end in ends:
         move = Step(
@@ -169,8 +172,9 @@ def _commissioning(
 
 
 def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
-    """Yield places beside the line and how long the machine stands there; each place is come to
-    from below."""
+    """Yield places beside the line and the time of standing there; each place is approached from
+    below.
+    """
     first, second = (np.eye(3)[other] for other in range(3) if other != axis)
     lead = -0.4 * (first + second)
     for across in (first, second):
@@ -182,7 +186,7 @@ def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
 
 
 def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Step]:
-    """Stand half way to a stop: the axes are still, and the program has not come to its dwell."""
+    """Stand half way to a stop: the axes stand still before the program reaches its dwell."""
     half_mm: Array = 0.5 * (driven.stop_mm[stop - 1] + driven.stop_mm[stop])
     move = Step(kind="move", target_mm=half_mm, setup=driven.setup, pass_number=driven.number)
     yield move

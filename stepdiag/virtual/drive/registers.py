@@ -1,4 +1,4 @@
-"""What the position registers of the control show at a stop."""
+"""The values of the control's position registers at a stop."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -28,9 +28,8 @@ REGISTER_OF_SETUP = {
 class Box:
     """The measured volume, cut in ``increments`` per axis (contract 1).
 
-    ``decimals`` are the places to which the writer of the NC program rounded its positions, None
-    for a program that does not round. An ``incremental`` program (G91) states steps: their rounding
-    adds up along the pass.
+    ``decimals`` is the number of decimal places in the NC program, None for a program that does not
+    round. An ``incremental`` program (G91) states steps: their rounding accumulates along the pass.
     """
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -96,7 +95,7 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
 
 
 def _written(stop_mm: Array, box: Box) -> Array:
-    """Return the positions as the NC program states them, shape like ``stop_mm``."""
+    """Return the positions in the NC program, shape like ``stop_mm``."""
     if box.decimals is None:
         return stop_mm
     if not box.incremental:

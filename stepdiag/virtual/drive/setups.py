@@ -1,4 +1,4 @@
-"""Laser and target set up for a diagonal or a line, aligned as well as a person does it."""
+"""Laser and target set up for a diagonal or a line, with the alignment errors of a person."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ from stepdiag.virtual.physics.optics import Beam, CornerCube, Figure, PlaneMirro
 class Alignment:
     """Imperfections of a set-up.
 
-    ``mirror_mrad`` leans the mirror's normal and ``beam_mrad`` the beam away from the machine's
+    ``mirror_mrad`` tilts the mirror's normal and ``beam_mrad`` the beam away from the machine's
     diagonal or axis, each towards the level and the upright perpendicular of this direction.
     ``beam_offset_mm`` shifts the beam line from the first commanded position; ``target_mm`` is the
     place of the mirror's pole or the cube's vertex in the tool's coordinates. ``standoff_mm`` is

@@ -19,13 +19,13 @@ Look = Callable[[Array], Array]
 """Wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the axis that runs, (N,
 4); NaN outside of its own runs."""
 ACROSS = {0: (2, 1), 1: (2, 0), 2: (0, 1)}
-"""The two rotations that an autocollimator along an axis sees, the upright rotation first."""
+"""The two rotations measured by an autocollimator along an axis, the upright rotation first."""
 LEVEL = {0: 0, 1: 1, 2: 0}
-"""The rotation that a level across an axis shows."""
+"""The rotation measured by a level across an axis."""
 
 
 class AngleView:
-    """The turn of the tool with its mirror or level, seen while the instrument's own runs are
+    """The turn of the tool with its mirror or level, visible while the instrument's own runs are
     driven.
     """
 
@@ -99,7 +99,7 @@ class Autocollimator(Counting):
 
 
 class Level:
-    """A level: asked by `P` (`stepdiag.virtual.instruments.talker.Answering`)."""
+    """A level: it answers `P` (`stepdiag.virtual.instruments.talker.Answering`)."""
 
     def __init__(self, look: Look) -> None:
         self._look = look

@@ -1,8 +1,8 @@
-"""An instrument that sends binary frames as many home-made counters do.
+"""An instrument that sends binary frames in the way of many home-made counters.
 
 A frame: AA 55, a 16-bit sample number, the reading in nanometres (32 bits, signed), the beam in per
 mille (16 bits), a status byte whose lowest bit is a lost beam, and the CRC-16 of the Modbus line
-over everything before it, low byte first. ``order`` is that of the numbers.
+over everything before it, low byte first. ``order`` is the byte order of the numbers.
 """
 
 import struct

@@ -2,8 +2,8 @@
 
 
 class Counting:
-    """The counter of such an instrument (`talker.Talking`): it begins at 0, and unread samples
-    count too.
+    """The counter of such an instrument (`talker.Talking`): it begins at 0, and unread samples are
+    counted too.
     """
 
     def __init__(self) -> None:

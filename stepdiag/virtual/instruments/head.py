@@ -3,8 +3,8 @@ traced ray by ray.
 
 A collimated beam leaves the source. On the moving unit a half mirror sends a part of it back (to
 lens 2 and PSD2), the rest goes to a corner cube, comes back displaced and is split between the
-quadrant detector and lens 1 with PSD1. Nothing of the paper's equations is used here: signs and
-levers come out of the geometry.
+quadrant detector and lens 1 with PSD1. No equation of the paper is used here: signs and levers
+follow from the geometry.
 """
 
 import math
@@ -23,7 +23,8 @@ Pair = tuple[float, float]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wander:
     """A slow random motion in two lateral directions: four swings of random phase, together at most
-    ``amplitude`` each way."""
+    ``amplitude`` in each direction.
+    """
 
     amplitude: float = 0.0
     period_s: float = 300.0
@@ -47,9 +48,9 @@ class SpotDetector:
     """Mounting and scale of a detector.
 
     ``sign`` per axis is the effect of fold mirrors and splitters on right and up, ``rotation_mrad``
-    its roll, x towards y, ``gain`` the gain of its differences. As parts of the full sum: ``noise``
-    of difference and sum, both without light (``dark``), and the ``ceiling`` beyond which the
-    electronics count no sum.
+    its roll, x towards y, ``gain`` the gain of its differences. As shares of the full sum:
+    ``noise`` of difference and sum, both without light (``dark``), and the ``ceiling``, the largest
+    sum of the electronics.
     """
 
     sign: Pair = (1.0, 1.0)
@@ -61,7 +62,7 @@ class SpotDetector:
     ceiling: float = math.inf
 
     def face_mm(self, spot_mm: Array) -> Array:
-        """Return where a spot (N, 2) lies in the detector's own axes, shape (N, 2)."""
+        """Return the place of a spot (N, 2) in the detector's own axes, shape (N, 2)."""
         cosine, sine = math.cos(self.rotation_mrad * 1e-3), math.sin(self.rotation_mrad * 1e-3)
         x, y = spot_mm[:, 0], spot_mm[:, 1]
         own = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
@@ -84,10 +85,10 @@ class SpotDetector:
 class HeadOptics:
     """The fixed unit. Radii are those of the Gaussian beam at 1/e2, the waist lies at the source.
 
-    ``spot_growth_per_m`` is what the radius grows by beside that, a metre of distance, as behind a
-    poor collimator. ``qd_path_mm`` is the way from the source's plane back to the QD. A PSD answers
-    linearly over ``psd_half_mm`` each way; ``psd*_defocus_mm`` is how far it stands behind the
-    focus of its lens, which stands in the source's plane.
+    ``spot_growth_per_m`` is a further growth of the radius, per metre of distance, as with a poor
+    collimator. ``qd_path_mm`` is the way from the source's plane back to the QD. A PSD is linear
+    over ``psd_half_mm`` in each direction; ``psd*_defocus_mm`` is its distance behind the focus of
+    its lens, which is in the source's plane.
     """
 
     wavelength_nm: float = 635.0

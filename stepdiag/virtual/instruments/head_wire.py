@@ -65,11 +65,10 @@ _FULL_SCALE = 32767
 
 
 class QuadrantDetector:
-    """A KPA101/TPA101: only the QD, asked by message 0871h
+    """A KPA101/TPA101: only the QD, read by message 0871h
     (`stepdiag.virtual.instruments.talker.Answering`).
 
-    Full sum of the optics is 8 V of the 20 V range; x comes inverted, as the units are known to
-    send it.
+    Full sum of the optics is 8 V of the 20 V range; x is inverted, as known for these units.
     """
 
     def __init__(self, look: Look, *, full_sum: float) -> None:
@@ -86,7 +85,7 @@ class QuadrantDetector:
         return messages
 
     def answer(self, request: bytes, wall_s: float) -> bytes:
-        """Return the readings; every other message stays without an answer."""
+        """Return the readings; every other message gets no answer."""
         if request != _ASK:
             return b""
         x, y, total = (value * self._volts for value in self._look(np.array([wall_s]))[0, :3])

@@ -1,4 +1,4 @@
-"""Lasers with a public interface, as their makers' papers have them: attocube IDS3010, Lasertex
+"""Lasers with a public interface, by the documents of their makers: attocube IDS3010, Lasertex
 HPI-3D (uLine F1), quTools quDIS.
 
 Written from the public specifications named in docs/lasers.md, not from the decoders. The IDS
@@ -113,11 +113,11 @@ class Lasertex:
         return b""
 
     def skip(self, count: int) -> None:
-        """Let samples pass."""
+        """Pass over samples without output."""
         self._samples += count
 
     def respond(self, received: bytes) -> bytes:
-        """Take commands; return their acknowledgements."""
+        """Process commands; return their acknowledgements."""
         self._received += received
         answer = b""
         while len(self._received) >= 8:
@@ -192,9 +192,7 @@ class Qudis:
 
     @property
     def rate_hz(self) -> float:
-        """Return the readings a second at the set average; fixed at the bench's rate, as a bench's
-        clock is.
-        """
+        """Return the readings a second at the set average; constant at the bench's rate."""
         return 25_000.0 / 2**5
 
     def banner(self) -> bytes:
@@ -204,11 +202,11 @@ class Qudis:
         return b""
 
     def skip(self, count: int) -> None:
-        """Let readings pass: they are counted."""
+        """Pass over readings; they are counted."""
         self._index += count
 
     def respond(self, received: bytes) -> bytes:
-        """Take settings and questions; return the answers."""
+        """Process settings and queries; return the answers."""
         self._received += received
         answer = b""
         while len(self._received) >= 4:

@@ -17,7 +17,9 @@ Read = Callable[[Array], tuple[Array, Flags]]
 
 _LOST_FRINGES = 400
 _LOST_FRINGE_MM = 0.000158
-"""A returning beam is off by a random number of fringes, each a quarter of the wavelength."""
+"""After its return the count is wrong by a random number of fringes, each a quarter of the
+wavelength.
+"""
 
 
 class Display(Protocol):
@@ -29,11 +31,11 @@ class Display(Protocol):
 
 
 class Counter:
-    """The count of an interferometer from the optical path: from zero, spoilt for good by a lost
-    beam.
+    """The count of an interferometer from the optical path: from zero, permanently wrong after a
+    lost beam.
 
-    While the beam is away the count stands; on its return the count goes on from this value, off by
-    the way lost and by a random number of fringes.
+    While the beam is lost the count stands still; on its return the count continues from this
+    value, wrong by the travel missed and by a random number of fringes.
     """
 
     def __init__(self, *, sign: int = 1, noise_um: float = 0.0, seed: int = 0) -> None:
@@ -49,7 +51,7 @@ class Counter:
         self._held_mm = 0.0
 
     def jump(self, by_um: float) -> None:
-        """Shift everything from now on: the mirror was touched."""
+        """Shift all values from now on: the mirror was touched."""
         self._offset_mm += by_um * 1e-3
 
     def count(self, indicated_mm: Array, beam: Flags) -> Array:
@@ -82,9 +84,10 @@ class Counter:
 
 
 class _Sampler:
-    """The instrument's view of the world, with its beam, its reset button and its latency.
+    """The instrument with its beam, its reset button and its latency.
 
-    ``latency_s`` is the delay inside the instrument: what is sent was true that long ago.
+    ``latency_s`` is the delay inside the instrument: a sent value belongs to the time before this
+    delay.
     """
 
     def __init__(
@@ -99,7 +102,7 @@ class _Sampler:
         self._was_frozen = False
 
     def sample(self, wall_s: Array) -> tuple[Array, Flags]:
-        """Return the readings of the instrument at these wall times, and whether it saw the
+        """Return the readings of the instrument at these wall times, and whether it had the
         beam.
         """
         for _ in self._faults.due("laser-reset", float(wall_s[-1])):
@@ -151,7 +154,7 @@ class TalkingLaser(_Sampler):
         return self._encoder.banner()
 
     def skip(self, count: int) -> None:
-        """Let samples pass without a word."""
+        """Pass over samples without output."""
         self._encoder.skip(count)
 
     def speak(self, wall_s: Array) -> bytes:
@@ -205,8 +208,9 @@ class MarkedLaser(_Sampler):
 
 
 class AskedLaser(_Sampler):
-    """A position display that gives its value when asked
-    (`stepdiag.virtual.instruments.talker.Answering`)."""
+    """A position display that sends its value on request
+    (`stepdiag.virtual.instruments.talker.Answering`).
+    """
 
     def __init__(
         self,
@@ -231,5 +235,5 @@ class AskedLaser(_Sampler):
         return self._display.answer(request, float(reading_mm[0]), beam=bool(beam[0]))
 
     def watch(self, wall_s: float) -> None:
-        """Count on, so that a beam lost between two requests is noticed."""
+        """Continue the count, so that a beam lost between two requests is noticed."""
         self.sample(np.array([wall_s]))

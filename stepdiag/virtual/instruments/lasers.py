@@ -20,7 +20,7 @@ Integers = NDArray[np.int64]
 
 
 class Encoder(Protocol):
-    """A laser that talks by itself."""
+    """A laser that sends by itself."""
 
     rate_hz: float
 
@@ -29,7 +29,7 @@ class Encoder(Protocol):
         ...
 
     def skip(self, count: int) -> None:
-        """Let samples pass without a word."""
+        """Pass over samples without output."""
         ...
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
@@ -40,7 +40,7 @@ class Encoder(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
-    """A uMD board: what differs between the firmwares."""
+    """A uMD board: the differences between the firmwares."""
 
     rate_hz: float
     counts_per_cycle: int = 0
@@ -52,7 +52,8 @@ class Board:
     codes: Mapping[int, tuple[int, int]] = field(default_factory=dict)
     sequence_wrap: int = 0
     """Wrap of a signed sequence number, 65536 where a 16-bit int is printed; 0 for none in
-    practice."""
+    practice.
+    """
     banner: bytes = b""
 
 
@@ -77,7 +78,8 @@ class UmdBoard:
     """The lines of a uMD board: REF MEAS displacement velocity phase sequence code data, CR LF.
 
     ``displacement - phase / steps`` is the reading in counts of wavelength / 2 / optics (the rule
-    of the GUI). A heterodyne board that loses the beam has MEAS 0; a homodyne board shows nothing.
+    of the GUI). A heterodyne board that loses the beam sends MEAS 0; a homodyne board shows
+    nothing.
     """
 
     def __init__(
@@ -193,7 +195,7 @@ class NdDisplay:
         self._pending = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the stream so far, keep the rest."""
+        """Return the complete requests in the stream, and keep the rest."""
         self._pending += received
         complete: list[bytes] = []
         while self._pending:

@@ -1,6 +1,4 @@
-"""The view of laser and head at any moment: the machine's exact pose while the program is
-played.
-"""
+"""The view of laser and head at any moment: the machine's exact pose during the program."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -61,7 +59,8 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
 @dataclass(slots=True)
 class _Curve:
     """The indicated length over a segment: against its fraction for a move, against time for a
-    stand."""
+    standstill.
+    """
 
     key: tuple[int, int]
     at: Array
@@ -71,9 +70,9 @@ class _Curve:
 class Readout:
     """Turns machine times into indicated lengths.
 
-    The exact optics are computed at nodes of each segment and interpolated between them: while the
-    axes stand the nodes are moments ``refresh_s`` apart, so that heat and air go on; at both ends
-    of a move the value is exact.
+    The exact optics are computed at nodes of each segment and interpolated between them. While the
+    axes stand, the nodes are moments ``refresh_s`` apart, so that heat and air continue to change;
+    at both ends of a move the value is exact.
     """
 
     def __init__(
@@ -145,7 +144,7 @@ class Readout:
 
 
 class HeadView:
-    """The view of the 4-DOF head while the program is played: light during its own runs, darkness
+    """The view of the 4-DOF head during the program: light during its own runs, darkness
     otherwise.
     """
 

@@ -1,4 +1,4 @@
-"""An instrument on a serial line: a thread that lets it send or answer, and every misfortune of its
+"""An instrument on a serial line: a thread that sends or answers for it, and all faults of its
 cable.
 """
 
@@ -31,7 +31,7 @@ class Talking(Protocol):
         ...
 
     def skip(self, count: int) -> None:
-        """Let samples pass without a word."""
+        """Pass over samples without output."""
         ...
 
     def speak(self, wall_s: Array) -> bytes:
@@ -44,7 +44,7 @@ class Responding(Protocol):
     """An instrument that sends by itself, and takes commands."""
 
     def respond(self, received: bytes) -> bytes:
-        """Take what came; return the answer to it."""
+        """Process the received bytes; return the answer."""
         ...
 
 
@@ -52,7 +52,7 @@ class Answering(Protocol):
     """An instrument that only answers requests."""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the stream so far, keep the rest."""
+        """Return the complete requests in the stream, and keep the rest."""
         ...
 
     def answer(self, request: bytes, wall_s: float) -> bytes:

@@ -1,4 +1,4 @@
-"""Sensors of air and material on a line of their own: a transmitter that is asked, and a logger
+"""Sensors of air and material on a separate line: a transmitter that answers requests, and a logger
 that sends by itself.
 """
 
@@ -17,7 +17,7 @@ class Transmitter:
         self._held = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the commands that are whole."""
+        """Return the complete commands."""
         *whole, self._held = (self._held + received).split(b"\r")
         return whole
 

@@ -51,8 +51,9 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Waved:
-    """A function with a periodic error on it, as of a ball screw or a scale; nothing is added at
-    ``low_mm``."""
+    """A function with an additional periodic error, as of a ball screw or a scale; the addition is
+    zero at ``low_mm``.
+    """
 
     base: ErrorFunction
     amplitude: float

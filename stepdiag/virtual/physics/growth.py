@@ -14,7 +14,7 @@ class Growth:
     """Each axis lengthens from its fixed bearing: ``um_m * (1 - exp(-(t + begun_s) / tau_s))``.
 
     ``um_m`` is the final growth in um for each metre of travel, ``bearing_mm`` the machine
-    coordinate of the fixed bearing of each axis, ``begun_s`` how long the machine had run at
+    coordinate of the fixed bearing of each axis, ``begun_s`` the running time of the machine at
     machine time zero.
     """
 
@@ -24,8 +24,7 @@ class Growth:
     begun_s: float = 0.0
 
     def share(self, time_s: Array) -> Array:
-        """Return which share of the final growth is there at each time, 0 to 1, shape like
-        ``time_s``."""
+        """Return the share of the final growth at each time, 0 to 1, shape like ``time_s``."""
         running_s = np.maximum(np.asarray(time_s, dtype=np.float64) + self.begun_s, 0.0)
         grown: Array = -np.expm1(-running_s / self.tau_s)
         return grown

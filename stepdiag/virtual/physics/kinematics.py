@@ -2,8 +2,8 @@
 
 A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style):
 ``FXYZ`` is [w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every
-error is the tool's error relative to the work, so a work-side carriage turns everything beyond it
-about its own origin before its own travel, a tool-side carriage after it.
+error is the tool's error relative to the work. So a work-side carriage turns everything beyond it
+about its own origin before its own travel, and a tool-side carriage after it.
 """
 
 from dataclasses import dataclass
@@ -89,8 +89,8 @@ def tool_pose(
     """Return the frame at the end of the chain, seen from the workpiece table or from the floor.
 
     ``travel_mm`` (N, 3) is counted from the point to which the errors refer; ``displacement_um``
-    and ``rotation_urad`` hold one (N, 3) per axis. From the floor the axes that carry the work are
-    not seen at all.
+    and ``rotation_urad`` hold one (N, 3) per axis. Viewed from the floor, the axes that carry the
+    work have no effect.
     """
     work, tool = split_chain(chain)
     count = len(travel_mm)

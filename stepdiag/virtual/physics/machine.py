@@ -30,9 +30,8 @@ class Setup:
 
     ``zero_mm`` is the commanded position of the first stop. ``wavelength_nm`` is the vacuum
     wavelength by which the instrument counts. ``assumed_index`` is the index of air by which it
-    divides its count, 1 without compensation, None if it follows the air without an error of its
-    own. The beam's source is the interferometer: the way from it to the target at ``zero_mm`` is
-    the dead path.
+    divides its count, 1 without compensation, None if it follows the air without error. The beam's
+    source is the interferometer: the way from it to the target at ``zero_mm`` is the dead path.
     """
 
     name: str
@@ -51,7 +50,7 @@ class Machine:
     Errors refer to the point ``reference_mm`` (the low corner of the error set when None): there
     the Abbe arms of all functions are zero. ``drift_um_h`` moves the tool relative to the work, as
     a growing spindle does. ``expansion_um_m_c`` lengthens each axis by its material temperature
-    above 20 C. ``growth`` is what the axes grow by while the machine warms up.
+    above 20 C. ``growth`` is the growth of the axes while the machine warms up.
     """
 
     errors: ErrorSet
@@ -149,8 +148,9 @@ class Machine:
         direction: Array | None = None,
         time_s: Array | float = 0.0,
     ) -> Array:
-        """Return the length that the instrument makes of the optical path, dead path included,
-        before any zeroing, shape (N,)."""
+        """Return the length by the instrument from the optical path, dead path included, before any
+        zeroing, shape (N,).
+        """
         distance = self.distance_mm(setup, commanded_mm, direction=direction, time_s=time_s)
         if setup.assumed_index is None:
             return distance

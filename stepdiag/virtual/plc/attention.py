@@ -1,8 +1,8 @@
 """Attention of a master to the PLC: a machine beside a busy computer stands a little longer, if its
-program asks for this.
+program requests this.
 
 A real machine's dwells are seconds and its recorder has a computer to itself. In a demonstration or
-a test a dwell is half a second, and everything shares a computer that may hold the recorder up for
+a test a dwell is half a second, and all processes share a computer that may delay the recorder for
 as long. An event hidden by a fault of the bench is not waited for.
 """
 
@@ -13,11 +13,11 @@ from itertools import pairwise, takewhile
 from stepdiag.virtual.base.faults import FaultBoard, FaultKind
 
 BREAK_S = 0.1
-"""Two looks further apart than this have a break between them."""
+"""Time between two polls above which there is a break between them."""
 GONE_S = 1.0
-"""A master that has not looked for this long is not waited for."""
+"""Time after which an absent master is no longer waited for."""
 _REMEMBERED = 20_000
-"""Looks: more than any dwell of a patient machine is long."""
+"""Number of stored polls: more than any dwell of a patient machine has."""
 _BLINDING: tuple[FaultKind, ...] = (
     "plc-silent",
     "plc-late",
@@ -29,7 +29,7 @@ _BLINDING: tuple[FaultKind, ...] = (
 
 
 class Attention:
-    """The looks of the masters at the PLC, in wall seconds. Safe to use from several threads."""
+    """The polls of the masters, in wall seconds. Safe to use from several threads."""
 
     def __init__(self, faults: FaultBoard) -> None:
         self._faults = faults
@@ -37,13 +37,13 @@ class Attention:
         self._looks_s: deque[float] = deque(maxlen=_REMEMBERED)
 
     def looked(self, wall_s: float) -> None:
-        """Take note that a request has come."""
+        """Record the arrival of a request."""
         with self._lock:
             self._looks_s.append(wall_s)
 
     def lacking(self, from_s: float, wall_s: float, wanted_s: float) -> bool:
-        """Return whether a present master has not yet looked, for ``wanted_s`` without a break, at
-        the state that began at ``from_s``.
+        """Return whether a present master has not yet polled, for ``wanted_s`` without a break, the
+        state that began at ``from_s``.
 
         The time counts from the first look at the state, not from its beginning: a single late look
         has seen nothing of the time before.

@@ -1,8 +1,8 @@
 """A Modbus slave written from the specification (Modbus Application Protocol V1.1b3; Serial Line
 V1.02).
 
-It is our own on purpose: the client side uses a library, and a slave of the same library would
-share its mistakes; and a slave must be able to answer late and in order, as a real PLC does.
+It is written here on purpose: the client side uses a library, and a slave of the same library would
+share its errors; and a slave must be able to answer late and in order, as a real PLC does.
 """
 
 import struct
@@ -103,8 +103,9 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 def checksum(frame: bytes) -> bytes:
-    """Return the CRC-16 of an RTU frame as it is sent, low byte first (polynomial A001h, start
-    FFFFh)."""
+    """Return the CRC-16 of an RTU frame in its sent form, low byte first (polynomial A001h, start
+    FFFFh).
+    """
     register = 0xFFFF
     for byte in frame:
         register ^= byte

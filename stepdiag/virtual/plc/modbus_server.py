@@ -21,7 +21,7 @@ _HEADER = struct.Struct(">HHHB")
 
 
 class Slave:
-    """The PLC as the wire sees it: answering, silent, late or off."""
+    """The PLC on the wire: answering, silent, late or off."""
 
     def __init__(
         self, plc: Plc, *, unit: int, clock: Clock, faults: FaultBoard, attention: Attention
@@ -44,8 +44,7 @@ class Slave:
         return now is not None
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response PDU to a request PDU, maybe late, or None where it is not
-        answered."""
+        """Return the response PDU to a request PDU, possibly late, or None without an answer."""
         now = self._clock.wall_s()
         self._attention.looked(now)
         if self._faults.active("plc-silent", now):

@@ -28,9 +28,9 @@ _STOPPED, _RUNNING, _ALARM = 1, 2, 4
 
 
 class Plc:
-    """The registers as a master reads them at a moment.
+    """The registers at the moment of a master's reading.
 
-    The image is made new every ``scan_s``: a change in the control is seen up to that much later,
+    The image is renewed every ``scan_s``: a change in the control appears up to that much later,
     counter and position ``lag_s`` later. ``order`` is the byte order of the 32-bit positions,
     ``base`` the address of the block, ``registers`` what the positions are: commanded or actual
     ones, whose scatter ``seed`` draws anew for each scan. Coils and discrete inputs 0 to 2 repeat
@@ -96,7 +96,7 @@ class Plc:
             return _slice(image, address - self._base, count)
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """Take ``captured``; every other address refuses to be written."""
+        """Store ``captured``; a write to any other address is refused."""
         if table != "holding" or address != CAPTURED_REGISTER or len(values) != 1:
             raise ModbusError(ILLEGAL_ADDRESS)
         with self._lock:

@@ -12,7 +12,7 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
 
 SIGNAL_CODES = {1: message("laser-power"), 2: message("signal-strength")}
-"""Of no documented scale: passed on, not used."""
+"""A value without a documented scale: passed on, but not used."""
 ENVIRONMENT_CODES = {
     3: ("temperature_1_c", 0.01),
     4: ("temperature_2_c", 0.01),
@@ -30,7 +30,7 @@ UMD0_RATE_HZ = 244.14
 WRONG_PHASE_FIRMWARE = 315
 """uMD2 v3.15e splits its phase so that about half of the values are a whole count wrong."""
 SPLIT_VERSION_FIRMWARE = range(264, 300)
-"""Firmware v264.xx counts its versions anew after v3.15e (315); uMD1 v60.00 sends 6000."""
+"""Firmware v264.xx restarts its version numbers after v3.15e (315); uMD1 v60.00 sends 6000."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Board:
         return self._codes.get(code) == data
 
     def hear(self, code: int, data: int) -> Remark | None:
-        """Take a low-speed code. Returns its remark; a repeated code is remarked only when it
+        """Take a low-speed code. Returns its remark; a repeated code gives a remark only when it
         changes.
         """
         if code in ENVIRONMENT_CODES:

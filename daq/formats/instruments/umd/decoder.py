@@ -38,7 +38,7 @@ class UmdSettings:
     single pass: retroreflector, or flat mirror seen by a single-aperture head; 2 plane mirror
     interferometer, 4 high resolution); positions are of the vacuum wavelength: the air index is
     applied downstream. ``latency_s`` is the delay inside the board (uMD1 v60: 24 sample periods).
-    ``phase_bits`` overrides what the firmware sends of the width of its phase field (None: as sent;
+    ``phase_bits`` overrides the width of the phase field that the firmware sends (None: as sent;
     until then a non-zero phase is flagged).
     """
 
@@ -66,8 +66,9 @@ _RAW_COUNT = (
     Wrap(-(2**31), 2**31 - 1, 1000),
     Wrap(0, 2**32 - 1, 1000),
 )
-"""uMD0 prints its 32-bit sequence number as a signed 16-bit one; the others wrap at 32 bits. Over
-the end 1000 steps are believed."""
+"""uMD0 prints its 32-bit sequence number as a signed 16-bit one; the others wrap at 32 bits. At
+most 1000 steps are accepted across the end of the counter.
+"""
 
 _REF, _SEQUENCE, _CODE, _DATA = 0, 5, 6, 7
 _MEAS_DISPLACEMENT_PHASE = {1: (1, 2, 4), 2: (8, 9, 11), 3: (12, 13, 15)}
@@ -76,10 +77,10 @@ _MEAS_DISPLACEMENT_PHASE = {1: (1, 2, 4), 2: (8, 9, 11), 3: (12, 13, 15)}
 class UmdDecoder:
     """Decoder of a uMD board (`daq.timing.samples.Decoder`).
 
-    The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE, not to be
-    used, which is no loss of count as DEVICE_ERROR would be. A line without the configured axis
-    gives NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is homodyne, its
-    scale is unknown: NaN, flagged HEAD_ERROR.
+    The first line of a stream may lack its beginning: its sample is flagged OUT_OF_RANGE and not
+    used. DEVICE_ERROR would mean a loss of count. A line without the configured axis gives NaN,
+    flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is homodyne, its scale is
+    unknown: NaN, flagged HEAD_ERROR.
     """
 
     def __init__(self, settings: UmdSettings) -> None:
@@ -94,13 +95,13 @@ class UmdDecoder:
         self._greeted = False
         self._remarked: set[Message] = set()
         self.nominal_rate_hz: float | None = None
-        """As last sent by code 8."""
+        """As sent last by code 8."""
         self.gaps_visible = False
-        """False until the rate shows a board that counts the samples it could not send."""
+        """False until the rate shows a board that counts the samples which it could not send."""
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half line and pass over the rest of it: the stream was interrupted."""
+        """Discard the incomplete line and skip the rest of it: the stream was interrupted."""
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -135,8 +136,8 @@ class UmdDecoder:
         return batch.samples(arrivals_of_lines(chunks))
 
     def _goes_on(self, rows: Rows) -> bool:
-        """Return whether rows follow the last row, are of the configured axis, and bring no new
-        code.
+        """Return whether rows follow the last row, belong to the configured axis, and contain no
+        new code.
         """
         return (
             rows.shape[1] > self._columns[0]
@@ -145,15 +146,15 @@ class UmdDecoder:
         )
 
     def _news(self, rows: Rows) -> list[int]:
-        """Return the rows with a code; none if every code is a repetition: a board repeats a few of
-        them all the time.
+        """Return the rows with a code; none if every code is a repetition, for a board repeats a
+        few codes all the time.
         """
         coded = np.flatnonzero(rows[:, _CODE])
         codes = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
         return [] if all(self._board.knows(code, data) for code, data in codes) else coded.tolist()
 
     def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
-        """Take the line whose beginning was not seen; return the rest of the block."""
+        """Process the line whose beginning is missing; return the rest of the block."""
         line, _, rest = block.partition(b"\n")
         part = parse_line(line)
         if part is not None:
@@ -195,7 +196,7 @@ class UmdDecoder:
         self._read(rows[first:], counter[first:], reading, batch)
 
     def _read(self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch) -> None:
-        """Add rows that are all read in the same way."""
+        """Add rows with a common way of reading."""
         meas, displacement, phase = self._columns
         if not len(rows):
             return

@@ -1,7 +1,7 @@
-"""From the numbers of `umd` lines to interferometer cycles and what is wrong with them.
+"""From the numbers of `umd` lines to interferometer cycles and their faults.
 
-The rules of the display's own program (reference: instruments 1.A), which subtracts the phase;
-another public decoder adds it and is wrong by its author's word.
+The rules of the display's own program (reference: instruments 1.A), which subtracts the phase.
+Another public decoder adds the phase, and is wrong according to its author.
 """
 
 from dataclasses import dataclass
@@ -54,8 +54,9 @@ class Reading:
         return counts / self.counts_per_cycle, flags
 
     def _fraction(self, phase: Column, flags: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Return the part of a count to subtract, 0 where the phase cannot be used; mark what is
-        wrong in ``flags``."""
+        """Return the part of a count to subtract, 0 where the phase cannot be used; set the faults
+        in ``flags``.
+        """
         if self.phase_use == "16-bit":
             return phase / _PHASE_STEPS["16-bit"]
         wrong = ((phase & _PHASE_ERRORS) != 0) & (phase >= 0)

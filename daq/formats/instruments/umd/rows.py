@@ -1,8 +1,8 @@
 """The text of `umd` lines: blocks of bytes to rows of whole numbers.
 
-`parse_line` is the definition. A block is first tried as a whole, which numpy does thirty times
-faster; it is taken only if every line has exactly the same plain form, and otherwise halved until
-the odd line stands alone.
+`parse_line` is the definition. A block is first converted as a whole, thirty times faster in numpy.
+This requires that every line has the same plain form; otherwise the block is halved until the odd
+line stands alone.
 """
 
 import re
@@ -32,12 +32,13 @@ _BANNER = re.compile(rb"[A-Za-z][ -~]{3,}")
 _NUMERALS = b"0123456789-"
 _MINUS, _BLANK, _ZERO = b"- 0"
 _LIMIT = 10**18
-"""No count of a board comes near; every number below it fits int64."""
+"""No count of a board is nearly as large; every number below it fits int64."""
 _PADDING = b"0" * 40
-"""A line of 16 numbers below the limit is longer than the cap only with such a run of leading
-zeros."""
+"""A line of 16 numbers below the limit exceeds the cap only with such a run of leading zeros."""
 _SMALL_BLOCK = 200
-"""Bytes below which trying the block as a whole costs more than its single lines."""
+"""Size in bytes below which converting the block as a whole costs more than converting its single
+lines.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +50,9 @@ class OddLine:
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
-    """Yield what stands in ``block``, empty or ending with a line feed, in order. Empty lines are
-    nothing."""
+    """Yield the rows and other lines of ``block``, which is empty or ends with a line feed, in
+    order. Empty lines are skipped.
+    """
     rows = uniform_rows(block) if len(block) > _SMALL_BLOCK else None
     if rows is not None:
         yield rows
@@ -67,7 +69,7 @@ def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
 
 
 def parse_line(line: bytes) -> Rows | OddLine | None:
-    """Return the row, or what else the line is; None for an empty one."""
+    """Return the row, or the kind of another line; None for an empty line."""
     if len(line) <= LINE_CAP:
         if _LINE.fullmatch(line):
             numbers = [int(field) for field in line.split()]
@@ -84,8 +86,9 @@ def parse_line(line: bytes) -> Rows | OddLine | None:
 
 
 def uniform_rows(block: bytes) -> Rows | None:
-    """Return the rows of a block whose lines all have 8 or all 16 plain fields; None where one has
-    not."""
+    """Return the rows of a block whose lines all have 8 or all have 16 plain fields; None
+    otherwise.
+    """
     first = block[: block.find(b"\n") + 1]
     fields = len(first.split())
     separators = first.translate(None, _NUMERALS)
