@@ -14,11 +14,12 @@ A slot's format is its type, the same in every language:
     {number:pass}     the number of a pass with its direction: odd passes lead outward
     {setup:setup}     a setup: a diagonal by its corners, with the short name beside them
 
-A key of ``[finding]`` is a code, or a code and a variant behind a dot (``"stop-outlier.alone"``); a
-key of ``[phrase]`` is held by others.
+An entry is one line. A key of ``[finding]`` is a code, or a code and a variant behind a dot
+(``"stop-outlier.alone"``); a key of ``[phrase]`` is held by others.
 """
 
 import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -59,30 +60,47 @@ Pattern = tuple[tuple[str, Slot | None], ...]
 
 
 @cache
-def tables(floor: str) -> dict[str, dict[str, dict[Language, str]]]:
-    """Return the tables of a floor's file: ``finding`` and ``phrase``, key -> language -> words."""
-    return tomllib.loads(
-        files("stepdiag.texts").joinpath("messages", f"{floor}.toml").read_text(encoding="utf-8")
-    )
+def tables(floor: str) -> dict[str, dict[str, str]]:
+    """Return the tables of a floor's file: ``finding`` and ``phrase``, key -> words as they stand
+    behind it, for an entry is a line."""
+    path = files("stepdiag.texts").joinpath("messages", f"{floor}.toml")
+    found: dict[str, dict[str, str]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith("["):
+            entries = found.setdefault(line.strip("[]"), {})
+        elif line and not line.startswith("#"):
+            key, _, words = line.partition(" = ")
+            entries[key.strip('"')] = words
+    return found
+
+
+class _Sentences(Mapping[str, dict[Language, Pattern]]):
+    """Key -> language -> pattern of every floor. A pattern is read when it is asked for: to read
+    all two thousand takes a third of the start of a command."""
+
+    def __init__(self) -> None:
+        every = (entries for floor in FLOORS for entries in tables(floor).values())
+        self._words = {key: words for entries in every for key, words in entries.items()}
+        self._read: dict[str, dict[Language, Pattern]] = {}
+
+    def __getitem__(self, key: str) -> dict[Language, Pattern]:
+        if key not in self._read:
+            words = tomllib.loads(f"words = {self._words[key]}")["words"]
+            self._read[key] = {language: pattern_of(words[language]) for language in LANGUAGES}
+        return self._read[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._words)
+
+    def __len__(self) -> int:
+        return len(self._words)
 
 
 @cache
-def sentences() -> dict[str, dict[Language, Pattern]]:
-    """Return key -> language -> pattern of every floor. Raises ValueError for a key, a translation
-    or a slot that is wrong."""
-    known: dict[str, dict[Language, Pattern]] = {}
-    for floor in FLOORS:
-        both = tables(floor)
-        for key, words in (*both["finding"].items(), *both["phrase"].items()):
-            if key in known or set(words) != set(LANGUAGES):
-                raise ValueError(
-                    f"{floor}.toml: {key}: expected one entry with {', '.join(LANGUAGES)}, found "
-                    f"{', '.join(words)}"
-                )
-            known[key] = {language: pattern_of(words[language]) for language in LANGUAGES}
-            if len({frozenset(_slots(pattern).items()) for pattern in known[key].values()}) > 1:
-                raise ValueError(f"{floor}.toml: {key}: expected the same slots in every language")
-    return known
+def sentences() -> Mapping[str, dict[Language, Pattern]]:
+    """Return key -> language -> pattern of every floor. Raises ValueError for a slot that is
+    wrong."""
+    return _Sentences()
 
 
 @cache

@@ -3,7 +3,9 @@ kept through JSON."""
 
 import re
 import string
+import tomllib
 from collections.abc import Callable
+from importlib import resources
 from typing import get_args
 
 import msgspec
@@ -25,7 +27,7 @@ from stepdiag.base.messages import (
     where,
 )
 from stepdiag.texts.explained import Action, Severity, explanations, finding_action
-from stepdiag.texts.patterns import findings, sentences, slots
+from stepdiag.texts.patterns import FLOORS, findings, sentences, slots, tables
 from stepdiag.texts.texts import LANGUAGES
 from testkit.german import is_english
 
@@ -126,6 +128,30 @@ def test_every_message(holds: Callable[[str], None]) -> None:
         except (AssertionError, pytest.fail.Exception) as failure:
             wrong[key] = str(failure)
     assert wrong == {}
+
+
+def test_every_entry_is_one_line_with_every_language_and_the_same_slots_in_each() -> None:
+    """A line is read by itself: what TOML finds in the whole file is the same, and no floor has a
+    key of another."""
+    folder = resources.files("stepdiag.texts").joinpath("messages")
+    every: list[str] = []
+    for floor in FLOORS:
+        whole = tomllib.loads(folder.joinpath(f"{floor}.toml").read_text(encoding="utf-8"))
+        assert whole == {
+            table: {key: tomllib.loads(f"it = {words}")["it"] for key, words in entries.items()}
+            for table, entries in tables(floor).items()
+        }
+        every += [key for entries in whole.values() for key in entries]
+        assert {frozenset(words) for entries in whole.values() for words in entries.values()} == {
+            frozenset(LANGUAGES)
+        }
+    assert sorted(every) == KEYS
+    for key, patterns in sentences().items():
+        slots_of = [
+            {(slot.name, slot.kind) for _, slot in patterns[language] if slot is not None}
+            for language in LANGUAGES
+        ]
+        assert slots_of[0] == slots_of[1] == set(slots(key).items()), key
 
 
 FOREIGN = [

@@ -31,7 +31,7 @@ from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
 from testkit.examples import spread
 from testkit.fleets import finished_survey
-from testkit.forgeries import rehashed, signing_key
+from testkit.forgeries import rehashed, signing_key, solve_once
 
 LABORATORY = '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
 TOLERANCE = (
@@ -74,6 +74,11 @@ def certify(folder: Path):
         "--out",
         folder / "c.xml",
     )
+
+
+@pytest.fixture(autouse=True)
+def solved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve_once(monkeypatch)
 
 
 @pytest.fixture

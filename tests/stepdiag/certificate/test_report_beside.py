@@ -13,7 +13,7 @@ from stepdiag.base.readings.readings import render_readings
 from stepdiag.certificate.archival import archival
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
-from testkit.forgeries import rehashed
+from testkit.forgeries import rehashed, solve_once
 
 LABORATORY = (
     '[certificate]\nnumber = "2026-0042"\nbegun = 2026-05-30\nended = '
@@ -76,6 +76,11 @@ def done(folder: Path, *words: str) -> None:
 
 def report(folder: Path, *more: str) -> None:
     done(folder, "report", "result.json", "exports", *SETTINGS, *more, "--out", "report.html")
+
+
+@pytest.fixture(autouse=True)
+def solved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve_once(monkeypatch)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The whole loop on a real control: LinuxCNC drives, the daemon records and solves, the control
 loads the files and drives elsewhere."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,9 @@ AGAIN = replace(BOX, increments=2)
 
 
 @pytest.mark.timeout(1500)
-def test_the_whole_loop_on_a_real_control(tmp_path: Path) -> None:
+def test_the_whole_loop_on_a_real_control(
+    first_survey: Callable[[], tuple[Path, float]], tmp_path: Path
+) -> None:
     """Survey, solve, export, load, drive where nobody measured: each form of compensation reaches
     what it can hold, and no more.
 
@@ -36,11 +39,8 @@ def test_the_whole_loop_on_a_real_control(tmp_path: Path) -> None:
     """
     machine = leaning_machine()
     (tmp_path / "angles.csv").write_text(angles_of(machine), encoding="utf-8")
-    with linuxcnc(swift=True) as control:
-        first, nothing = surveyed(
-            control, machine, tmp_path, (*DIAGONALS, "linear-x", "linear-y"), BOX, BOX
-        )
-        reached = {"nothing": nothing}
+    first, nothing = first_survey()
+    reached = {"nothing": nothing}
     result = parse_result((first / "result.json").read_text(encoding="utf-8"), "result.json")
     whole = {
         name: (first / "exports" / "linuxcnc" / name).read_bytes()

@@ -3,6 +3,8 @@ a person deciding."""
 
 import json
 import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,8 +17,8 @@ from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag
 from testkit.linuxcnc.comparison import driven_rms_um
 from testkit.linuxcnc.files import screw_files
-from testkit.linuxcnc.job import NOISE_UM, daemon, drive, still_missing, surveyed
-from testkit.linuxcnc.machine import BOX, DIAGONALS, angles_of, leaning_machine
+from testkit.linuxcnc.job import NOISE_UM, daemon, drive, still_missing
+from testkit.linuxcnc.machine import BOX, leaning_machine
 from testkit.linuxcnc.rig import Control, linuxcnc
 from testkit.linuxcnc.stand import Stand
 from testkit.linuxcnc.standing import settled
@@ -25,15 +27,15 @@ pytestmark = [pytest.mark.system, pytest.mark.control]
 
 
 @pytest.mark.timeout(1500)
-def test_a_wrong_sign_is_undone_on_a_real_control(tmp_path: Path) -> None:
+def test_a_wrong_sign_is_undone_on_a_real_control(
+    first_survey: Callable[[], tuple[Path, float]], tmp_path: Path
+) -> None:
     """Survey, load with one sign turned, drive ten seconds of proof: restore, as bad as before;
     load the right files: keep, and better."""
     machine = leaning_machine()
-    (tmp_path / "angles.csv").write_text(angles_of(machine), encoding="utf-8")
-    with linuxcnc(swift=True) as control:
-        first, nothing = surveyed(
-            control, machine, tmp_path, (*DIAGONALS, "linear-x", "linear-y"), BOX, BOX
-        )
+    first, nothing = first_survey()
+    own = tmp_path / "first"
+    shutil.copytree(first.parents[1], own, ignore=shutil.ignore_patterns("laser"))
     comp, _ = screw_files(
         parse_result((first / "result.json").read_text(encoding="utf-8"), "result.json"), tmp_path
     )
@@ -43,7 +45,7 @@ def test_a_wrong_sign_is_undone_on_a_real_control(tmp_path: Path) -> None:
         verdict = {"action": "restore"}
         with linuxcnc(held, swift=True) as control:
             settled(control)
-            verdict = proved(control, machine, tmp_path / "first", comp)
+            verdict = proved(control, machine, own, comp)
             reached[name] = driven_rms_um(control, machine, BOX)
         codes = {each["function"]: each["code"] for each in verdict["tables"]}
         assert codes == {
