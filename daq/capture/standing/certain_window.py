@@ -17,7 +17,6 @@ from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import (
     IN_A_ROW,
     LEAST_SAMPLES,
-    MAD_TO_SIGMA,
     RESOLUTION_FLOOR_UM,
     SIGMAS,
     Placing,
@@ -204,15 +203,14 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
 
 @dataclass(slots=True)
 class PassNoise:
-    """The slow noise of a pass: the trends of its windows so far, in um/s. Turbulent air makes
-    another trend at every stop; a machine that creeps makes the same one."""
+    """The slow noise of a pass: the trends of its undoubted windows so far, in um/s. Turbulent air
+    makes another trend at every stop; a machine that creeps makes the same one."""
 
     slopes_um_s: list[float] = field(default_factory=list)
 
     def take(self, taken: Taken, rules: StopRules) -> Taken:
         """Take the next window; return it without the doubts that the slow noise explains."""
         window, slow_um_s = taken.window, self._scatter_um_s()
-        self.slopes_um_s.append(window.slope_um_s)
         alone, (step_um, step_sigmas) = not slow_um_s, taken.step
         sigmas = STEADY_ALONE_SIGMAS if alone else STEADY_SIGMAS
         beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
@@ -224,14 +222,15 @@ class PassNoise:
             else abs(step_um) <= slow_step_um,
         }
         doubts = tuple(each for each in taken.doubts if not explained.get(each.key, False))
+        if not any(each.key in explained for each in doubts):
+            self.slopes_um_s.append(window.slope_um_s)
         return replace(taken, doubts=doubts)
 
     def _scatter_um_s(self) -> float:
         """Return the standard deviation of the trends; 0 where they are too few to show it."""
-        if len(self.slopes_um_s) < LEAST_SAMPLES:
+        if len(self.slopes_um_s) < 2 * LEAST_SAMPLES:
             return 0.0
-        slopes = np.array(self.slopes_um_s)
-        return MAD_TO_SIGMA * float(np.median(np.abs(slopes - np.median(slopes))))
+        return float(np.std(self.slopes_um_s, ddof=1))
 
 
 def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -> bool | None:
