@@ -82,6 +82,14 @@ def released(changelog: str) -> list[date]:
     return [date.fromisoformat(day) for _, day in sections]
 
 
+def test_the_site_keeps_tables_and_lists_inside_their_steps() -> None:
+    """Python-Markdown ends a list at a table that three spaces indent: steps 6 to 8 of the
+    machinist's guide were one paragraph."""
+    indented = runpy.run_path(str(CHECKOUT / "tools" / "docs"))["indented"]
+    page = "1. a\n   - b\n\n   | c |\n2. d\n\n```\n   e\n```\n"
+    assert indented(page) == "1. a\n    - b\n\n    | c |\n\n2. d\n\n```\n   e\n```\n"
+
+
 def test_no_log_is_older_than_the_first_version() -> None:
     """The day before which a clock was never set stays: a log of the first version is dated in
     every later one."""

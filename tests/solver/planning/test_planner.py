@@ -173,7 +173,7 @@ def test_three_diagonals_and_three_runs_are_the_best_of_157_minutes():
 
 def test_the_shortest_survey_down_to_a_target_that_real_surveys_reach():
     """Four diagonals and three linear runs leave 1.1 to 1.3 um of exact machines with 0 to 10 urad
-    (docs/performance.md)."""
+    (benchmarks/HONESTY.md)."""
     found = plan(BARE, IDEALLY, target_um=1.5).best
     assert found.left_um.value_um <= 1.5
     assert found.minutes < 200
@@ -331,7 +331,7 @@ def test_a_forecast_is_what_exact_machines_leave():
 
 def test_a_forecast_holds_nothing_that_is_identified_to_a_usual_size():
     """The adjustment does not either. Eighty machines that scatter are left with 2.28 µm by three
-    diagonals and three runs; held to usual sizes the forecast is 2.08 (docs/performance.md)."""
+    diagonals and three runs; held to usual sizes the forecast is 2.08 (benchmarks/HONESTY.md)."""
     lines = ("ppp", "npp", "pnp", "linear-x", "linear-y", "linear-z")
     survey = replace(
         designs.EMPTY, runs=tuple(Run(setup=name, return_pass=False) for name in lines)

@@ -63,7 +63,7 @@ def promised_and_true(one: Bench, folder: Path) -> tuple[Reach, float]:
 
 def test_the_true_value_after_compensation_lies_in_the_interval_promised(tmp_path: Path) -> None:
     """Over twelve machines 11 intervals at least hold it: k = 2, in 93 to 99 % (58 of 59 in a
-    longer run, docs/performance.md).
+    longer run, benchmarks/HONESTY.md).
 
     And they are no excuse: the upper end is on average less than twice the lower.
     """
