@@ -107,7 +107,7 @@ def _compared(
     except (
         DataError,
         UsageError,
-    ) as error:  # a loading that ended half way leaves a table without its grid
+    ) as error:  # a loading that ended half-way leaves a table without its grid
         if not all(controller.recognises(file) for file in plain):
             raise
         findings = [finding("error", message("read-back-differs.unfit", why=error.message))]
