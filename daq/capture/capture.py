@@ -149,7 +149,7 @@ class Capture:
         dwell = self.tracker.open
         if (
             dwell is None or self._went_on
-        ):  # the first stop of another setup is for the log that follows
+        ):  # the first stop of another setup belongs to the following log
             return None
         taken = dwell.from_ns == self._taken_from_ns or self._pending.goes_on(
             dwell, self._mover(dwell.signals)

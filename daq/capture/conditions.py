@@ -200,7 +200,7 @@ class Conditions:
         """Return the valid value: unchanged, the last credible value, or None without one."""
         last = self._credible.get(name)
         if math.isnan(value) and last is not None and time_s - last.time_s < STALE_NS * 1e-9:
-            return last.value  # of before this log began
+            return last.value  # from before this log began
         code = self._wrong(name, value, time_s)
         if code == "sensor-jump" and self._agreed(name, value):
             judged.doubted.append(

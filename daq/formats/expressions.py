@@ -94,7 +94,7 @@ class _Text:
         try:
             tree = ast.parse(source.lstrip(), mode="eval")
         except SyntaxError as error:
-            # Python names no place where something is missing at the end
+            # Python gives no position for a part that is missing at the end
             at = self._begin + error.offset - 1 if error.offset else len(source)
             raise self._misplaced(at) from None
         return self._built(tree.body)

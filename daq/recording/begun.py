@@ -58,7 +58,7 @@ class BegunWords:
         return [word for word in words if abs(time.time() - word.time_s) < OLD_S]
 
     def _length(self) -> int:
-        try:  # one look, ten times a second
+        try:  # one look at the file, ten times a second
             return self._path.stat().st_size
         except OSError:
             return 0

@@ -316,7 +316,7 @@ def _finding_of(note: bytes, log: Path) -> Finding:
         found = msgspec.json.decode(note, type=_FindingNote)
         arguments = msgspec.json.decode(
             found.arguments or "null"
-        )  # a log of before has the text alone
+        )  # a log of an older version has only the text
     except DAMAGE as error:
         raise DataError(
             str(log), expected=message("findings-noted"), found=damage_of(error)

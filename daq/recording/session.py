@@ -238,7 +238,7 @@ class Session:
         self._before, self._before_bytes = (
             deque(),
             0,
-        )  # what stood and moved before is none of this setup
+        )  # standstills and moves before this moment do not belong to this setup
         self._begin_log(at_ns)
 
     def _why_not(self, setup: str) -> Words:
@@ -490,7 +490,7 @@ class Session:
         self._sink.end(status, str(reason))
         self._breaks = self.capture.left_over() if self.capture is not None else ()
         self._beyond = self.capture.went_beyond() if self.capture is not None else False
-        _ = self.strip  # takes the last samples of the capture, which ends
+        _ = self.strip  # takes the last samples of the capture, which is ending
         self.capture = None
         self._idle = _idle_streams(self.survey)
 

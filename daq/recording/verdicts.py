@@ -176,7 +176,7 @@ def append_line(path: Path, line: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        with suppress(OSError):  # of a word that is refused nothing may count
+        with suppress(OSError):  # no part of a refused line may remain in the file
             _back_to(path, before)
         raise UsageError(
             str(path), expected=message("file-can-be-written"), found=system_words(error)

@@ -74,7 +74,7 @@ class Finisher:
         """Begin to solve the survey of a folder."""
         self._begin(self._finish(folder), f"completion {folder.name}")
         if self._looking is not None:
-            # the result shows more than what is solved so far, and it does not wait
+            # the new result will contain more than this computation knows, and must not wait for it
             self._looking.cancel()
         self.phase, self.message = "solving", ""
 

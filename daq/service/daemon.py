@@ -139,7 +139,7 @@ class Daemon:
         self.status_source.open(working)
         self._settled.know(working.session)
         if working.session.book.complete():
-            working.session.unsolved = ""  # what hindered the solver may be mended since
+            working.session.unsolved = ""  # the obstacle of the solver may be removed meanwhile
         self._complete_if_settled()
         workers: list[asyncio.Task[Any]] = [
             asyncio.create_task(working.survey_links.run(), name="links"),
@@ -217,7 +217,7 @@ class Daemon:
         forget_live(self._folder)
         _log.info("stopped", recording=str(self._working.session.folder))
 
-    # what comes in
+    # received data
 
     def _consume(self, event: Event) -> None:
         working = self._working
@@ -386,7 +386,8 @@ class Daemon:
         """
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
-        # a change before the first stop corrects nothing yet: it is looked at once more with stops
+        # a change before the first stop has no effect yet: it is examined again when there are
+        # stops
         looked = (_modified_ns(self._file), bool(working.shown.book.stops))
         if looked == self._looked or working.finisher.phase == "solving" or begun:
             return
@@ -446,7 +447,7 @@ class Daemon:
         paused, working.paused = (
             working.paused,
             True,
-        )  # no pass begins while the logs of those before it are read
+        )  # no pass begins while the logs of the previous passes are read
         try:
             await asyncio.to_thread(note_correction, working.shown.folder, correction)
             begun = await asyncio.to_thread(latest_round, self._folder, text, self._run_record)
@@ -474,7 +475,7 @@ class Daemon:
                 _log.info("begun", setup=word.setup, given_name=word.name)
             self.status_source.news()
 
-    # what goes out
+    # sent data
 
     def _recorder_changed(self, health: RecorderHealth) -> None:
         """Record the recorder's state, in the recorder's thread."""

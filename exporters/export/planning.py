@@ -52,7 +52,7 @@ def planned(result: Result, control: Controller, profile: Profile, today: date) 
             plan=plan,
             standing=Standing(after=tuple(case.tables), new=tuple(case.tables)),
         )
-    tables_in(control, profile.existing, profile)  # refuses what stands there twice
+    tables_in(control, profile.existing, profile)  # refuses a name that occurs twice
     before = control.standing(profile.existing, (), profile)
     kept: dict[str, Curve] = {}
     products: frozenset[str] = frozenset()

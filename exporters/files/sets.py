@@ -211,7 +211,7 @@ def _place(target: Path, files: Sequence[ControlFile]) -> None:
         try:
             part.rename(target)
         except OSError:
-            # another export was faster: its set stays, and counts as ours if equal
+            # another export was faster: its set stays, and counts as this one if it is equal
             if not _stands_there(target, files):
                 raise
         sync_folder(target.parent)

@@ -71,7 +71,7 @@ def _placeholders(where: str, text: str) -> list[str]:
     except ValueError as error:
         raise UsageError(where, expected=expected, found=f"{text!r}: {error}") from error
     for name, spec, conversion in found:
-        if spec or conversion:  # a width of millions of digits is one as well
+        if spec or conversion:  # a width of millions of digits is a width too
             raise UsageError(
                 where,
                 expected=expected,

@@ -52,7 +52,7 @@ class Block:
         """Return registers 0 to 13 (contract of stepdiag: docs/service-engineer.md, section 2)."""
         self._look()
         pins = self._pins
-        # an output keeps its value when a program ends or is aborted: the machine then stands in no
+        # an output keeps its value when a program ends or is aborted: then the machine stands at no
         # stop
         stopped = bool(pins["stopped"]) and bool(pins["in-position"]) and self._runs
         words = [
@@ -84,7 +84,7 @@ class Block:
         try:
             self._status = self._status or linuxcnc.stat()
             self._status.poll()
-        except linuxcnc.error:  # HAL is up before the control's other parts
+        except linuxcnc.error:  # HAL is started before the control's other parts
             self._fails = True
             return
         self._runs = self._status.interp_state != linuxcnc.INTERP_IDLE

@@ -129,8 +129,8 @@ class _Case:
             )
         old = columns(replaced, self.ways)
         self.seen = columns(self.tables, self.ways)
-        # the tables that acted during the survey are gone from the readings, or stand in the new
-        # ones
+        # the effect of the tables that acted during the survey is missing in the new readings, or
+        # is part of the new tables
         self.change_um = self.change_um + sum(old.values(), self.nothing)
         if not self.seen:
             raise DataError(
@@ -255,7 +255,7 @@ def prove(
         sized = min(case.sized(best), key=case.misfit, default=found)
         if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(
             SURE
-        ):  # a factor of its own explains more than a state does anyway
+        ):  # a factor of its own always explains more than a state does
             found = sized
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break

@@ -152,7 +152,7 @@ def check_reference(case: Case) -> Iterator[Finding]:
     """
     for table in case.tables:
         if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
-            continue  # a product is zero where its lever is, which is another axis
+            continue  # a product is zero where its lever, which is another axis, is zero
         at_reference = abs(
             correction_um(table, np.array([table.reference_mm]), table.direction or 1).item()
         )
@@ -171,7 +171,7 @@ def check_travel(case: Case) -> Iterator[Finding]:
     for table in case.tables:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
-            continue  # of an old table that is emptied nothing is held
+            continue  # for an old table that is emptied no values remain
         if (
             table.position_mm[0] > travel[0] + _ZERO_UM
             or table.position_mm[-1] < travel[1] - _ZERO_UM

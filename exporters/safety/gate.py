@@ -63,7 +63,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
             profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         )
         if travel is None or table.law.ends == "extended" or not table.value_um.any():
-            continue  # zeros move nothing wherever they stand: they take an old table out
+            continue  # zeros have no effect at any position: they remove an old table
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]

@@ -144,7 +144,7 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
         return None
     u = float(np.abs(old) @ function.u) / float(
         old @ old
-    )  # nodes that err together, which is the most that they can do
+    )  # the errors of all nodes have the same sign: this is their largest possible effect
     fit = regress(measured, old)
     return _seen(name, tables, fit.factor, u, fit.rest_um / fit.asked_um)
 

@@ -151,7 +151,7 @@ def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
     for index, letter in enumerate(_LETTERS):
         low, high = volume.origin_mm[index], volume.origin_mm[index] + volume.size_mm[index]
         first, last = zone.get(letter, (low, high))
-        # an axis that did not travel has no zone, and no table
+        # an axis that did not travel has neither a zone nor a table
         if volume.travelled[index] and not low <= first < last <= high:
             raise UsageError(
                 f"axes.{letter}.working_mm",

@@ -286,7 +286,7 @@ class _Task:
         current = self._with_right_signs(self._with_right_names(current))
         for suspicious in self._suspicions(current):
             current = suspicious
-        # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found
+        # a wrong stop must not be explained by larger drift or wander: their sizes are estimated
         # without the stop
         self.clean = True
         current = self._find_scatter(
@@ -486,8 +486,8 @@ class _Task:
                 current, self.layout, self.misses, before, self.usual_scatter, robust=robust
             )
             if found.near(before, self.layout):
-                # the fit is weighed by the sizes before: what is reported of its noise is what it
-                # was weighed by
+                # the fit uses the sizes from before: the reported noise is the one that gave the
+                # weights
                 self.scatter = replace(
                     before, freedom_misses=found.freedom_misses, freedom_noise=found.freedom_noise
                 )

@@ -72,7 +72,8 @@ def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
     """
     weight, walk, among = known.fixed.weight[rows], walk_of(len(rows)), known.among(rows)
     own = weight**2 * among.diagonal()
-    # all from a reading on: its own share, and twice the common part with each later reading
+    # all readings from one reading on: its own share, and twice the common part with each later
+    # reading
     common = weight * among.with_those_after(weight)
     weighted = weight[:, None] * walk
     return Count(

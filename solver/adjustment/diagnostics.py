@@ -132,7 +132,7 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
         of_count = rows[found.layout.offset_index[rows] == number]
         added += found.fit.causes.pattern[
             of_count[-1]
-        ]  # all that goes with time is nothing at the first
+        ]  # every effect of time is zero at the first reading
     return np.where(kinds, added, 0.0)
 
 

@@ -186,7 +186,7 @@ def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf
     share = (GROWING / (1.0 + GROWING))[:, None]
     likely = 0.5 * (gained(fit, fit.chi_square - best * share) - np.log1p(GROWING)[:, None])
     log_odds, weight = _mean(np.where(GROWING[:, None] <= most**2 * safe, likely, -np.inf))
-    # given each width the size is normal about its most likely value, both drawn towards nothing
+    # for a given width the size is normal about its most likely value; both are shrunk towards zero
     square = np.sum(weight * (best * share**2 + share), axis=0) / safe
     return Evidence(np.where(some, log_odds, -np.inf), np.where(some, square, 0.0))
 

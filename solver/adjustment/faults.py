@@ -105,8 +105,8 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> 
     """Return the worst contradiction among the readings; None unless an explanation is `ODDS` times
     as likely as chance.
     """
-    # the misses of the machine take most of what checks a reading: in a small survey no reading
-    # alone is checked, and all together are
+    # the misses of the machine take most of the redundancy: in a small survey no single reading is
+    # checked, but all together are
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
         return None
     found = sorted(

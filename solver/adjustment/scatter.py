@@ -133,7 +133,8 @@ def estimated(
     """Return the most likely sizes by a fit made with the sizes ``before``; ``robust`` if stops may
     be wrong.
     """
-    # backlash at first stops is as large in all passes of an axis: no median holds it
+    # backlash at first stops has the same size in all passes of an axis, so a median would not
+    # remove it
     shown = [
         _shown(fit, misses.rows[misses.kind == kind], robust=robust and kind != FIRST)
         for kind in range(FIRST + 1)

@@ -31,7 +31,7 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
     target = current.fixed.target
     while names:
         changes = [turned[name] for name in names]
-        # the form of two changes by the squares of their sum and difference
+        # a quadratic form of two changes from the squares of their sum and difference
         form = (
             np.array(
                 [

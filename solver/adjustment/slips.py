@@ -85,7 +85,7 @@ def slips_report(
     noise_um = field.noise_um()
     for name in wanted:
         kinds = KINDS[name]
-        # in a count too short to be looked through nothing is seen, whatever its size
+        # in a count that is too short for a search, no slip is seen, whatever its size
         every = [
             _Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf)
             for rows in short_counts(fit.fixed, layout, kinds)
@@ -177,7 +177,7 @@ class _Field:
         wanted = every.select(np.flatnonzero(fit.inverse.sees(every.combination)))
         field = lattice_field_um(wanted, layout.volume, design.chain)
         flat = field.reshape(3 * len(field), field.shape[2])
-        # what stands between the nodes of the lattice moves none of its points
+        # values between the nodes do not move the points of the lattice
         moving = np.flatnonzero(np.any(flat, axis=0))
         by_unknowns = (
             np.linalg.qr(flat[:, moving], mode="r") @ wanted.select(moving).combination.dense()

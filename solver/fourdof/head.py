@@ -165,8 +165,8 @@ def motion(
             psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad
         )
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
-    # the beam on PSD2 has walked sideways on its way out by the drift and on its way back by its
-    # angle, each times the distance
+    # the beam on PSD2 has moved sideways on its way out by the drift and on its way back by its
+    # angle, each multiplied by the distance
     walked = np.array(head.crosstalk.psd2_leak) * lever * 1e-3
     psd2 = (psd2 + walked * psd1) / (1 + walked)
     angle = (psd2 + psd1) / 2
@@ -199,7 +199,7 @@ def _freed_of_noise(
     """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
     without light stay unchanged.
     """
-    # a stop that was driven again stands in its place of the run, not of the time
+    # a stop that was driven again takes its place in the run, not in time
     in_time = np.argsort(time_s, kind="stable")
     lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
     drift, u = psd1_urad.copy(), u_urad.copy()

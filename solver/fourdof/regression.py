@@ -205,7 +205,7 @@ def _gauss_newton(
 
 
 def _without(frame: Vector, rows: Vector) -> Vector:
-    """Return rows (N, 6) without the possible effect of the pointing."""
+    """Return rows (N, 6) without the part that a pointing of any size could cause."""
     left: Vector = rows - np.einsum("nij,nj->ni", frame, np.einsum("nij,ni->nj", frame, rows))
     return left
 

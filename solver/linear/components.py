@@ -84,8 +84,8 @@ def scored(
         gradient, information = _slope(here, member)
         first, curved = _prior_slope(log[free])
         step = np.linalg.solve(information + np.diag(curved), gradient + first)
-        # a size that has gone past the likeliest goes back half as far: expected information may
-        # promise too much
+        # a size that has passed the most likely value goes back by half the distance: the expected
+        # information may be too large
         furthest = np.where(step * before < 0, 0.5 * furthest, furthest)
         before = np.clip(step, -furthest, furthest)
         log[free] = np.clip(log[free] + before, -FURTHEST, FURTHEST)

@@ -64,9 +64,11 @@ class Family:
         """Return the covariance of the amounts over all sizes less that at the estimated size, in
         all amounts, shape (q, q).
         """
-        beside = np.diag(np.mean(self.variance(self.factor), axis=0) - self.variance(np.ones(1))[0])
+        over_all = np.mean(self.variance(self.factor), axis=0)
+        beside = np.diag(over_all - self.variance(np.ones(1))[0])
         moved = self.shift()
-        matrix: Vector = self.direction @ (beside + moved.T @ moved / len(moved)) @ self.direction.T
+        own = beside + moved.T @ moved / len(moved)
+        matrix: Vector = self.direction @ own @ self.direction.T
         return matrix
 
     def alone(self) -> Vector:
@@ -84,18 +86,22 @@ def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Famil
     seen, shown, size = fit.causes.seen, fit.causes.shown, fit.size
     others = np.flatnonzero(~mine)
     own = np.flatnonzero(mine)
-    damped = np.eye(len(others)) + size[others, None] * seen[np.ix_(others, others)] * size[others]
-    across = seen[np.ix_(others, own)] * size[own]
-    adapting = size[others, None] * np.linalg.solve(
-        damped, size[others, None] * np.column_stack([across, shown[others]])
-    )
-    matrix = size[own, None] * seen[np.ix_(own, own)] * size[own] - across.T @ adapting[:, :-1]
+    own_size, other_size = size[own], size[others]
+    seen_by_others = other_size[:, None] * seen[np.ix_(others, others)] * other_size
+    damped = np.eye(len(others)) + seen_by_others
+    across = seen[np.ix_(others, own)] * own_size
+    asked = other_size[:, None] * np.column_stack([across, shown[others]])
+    adapting = other_size[:, None] * np.linalg.solve(damped, asked)
+    to_own, to_readings = adapting[:, :-1], adapting[:, -1]
+    seen_by_own = own_size[:, None] * seen[np.ix_(own, own)] * own_size
+    matrix = seen_by_own - across.T @ to_own
     value, vector = np.linalg.eigh(0.5 * (matrix + matrix.T))
     direction = np.zeros((len(size), len(own)))
-    direction[own] = size[own, None] * vector
-    direction[others] = -adapting[:, :-1] @ vector
+    direction[own] = own_size[:, None] * vector
+    direction[others] = -to_own @ vector
     known = np.maximum(value, 0.0)
-    response = vector.T @ (size[own] * shown[own] - across.T @ adapting[:, -1])
+    shown_by_own = own_size * shown[own]
+    response = vector.T @ (shown_by_own - across.T @ to_readings)
     return Family(direction, known, response, _points(known, response, log_found))
 
 
@@ -111,9 +117,9 @@ def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float
     """Return the quantiles of the size at given probabilities, relative to the estimated size."""
     log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
     square = np.exp(2.0 * log)[:, None]
-    likely = 0.5 * np.sum(
-        square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1
-    ) + log_prior(log + log_found)
+    explained = square * shown**2 / (1.0 + square * seen)
+    by_readings = 0.5 * np.sum(explained - np.log1p(square * seen), axis=1)
+    likely = by_readings + log_prior(log + log_found)
     share = np.cumsum(np.exp(likely - np.max(likely)))
     found: Vector = np.exp(np.interp(probability, share / np.max(share), log))
     return found
@@ -123,10 +129,8 @@ def size_by_all(families: Sequence[Family], probability: float) -> float:
     """Return the quantile of the size at a probability, by families of a group in independent fits,
     relative to their common usual size.
     """
-    seen, shown = (
-        np.concatenate([np.zeros(0), *(getattr(one, field) for one in families)])
-        for field in ("seen", "shown")
-    )
+    seen = np.concatenate([np.zeros(0), *(one.seen for one in families)])
+    shown = np.concatenate([np.zeros(0), *(one.shown for one in families)])
     return _sizes_at(np.array([probability]), seen, shown, 0.0).item()
 
 
@@ -146,9 +150,8 @@ def hidden_factors() -> Vector:
     """
     share = (np.arange(POINTS) + 0.5) / POINTS
     low, high = WAVES_SPREAD
-    found: Vector = np.where(
-        share < ABSENT, NEXT_TO_NONE, low + (high - low) * (share - ABSENT) / (1.0 - ABSENT)
-    )
+    present = low + (high - low) * (share - ABSENT) / (1.0 - ABSENT)
+    found: Vector = np.where(share < ABSENT, NEXT_TO_NONE, present)
     return found
 
 
@@ -158,19 +161,20 @@ def class_factors() -> Vector:
 
     Their order is their own: the order of `likely_factors` has no relation to it.
     """
-    found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[
-        np.arange(POINTS) * (POINTS // 2) % POINTS
-    ]
+    order = np.arange(POINTS) * (POINTS // 2) % POINTS
+    sizes = np.exp(CLASS_SPREAD * normal_points(POINTS))
+    found: Vector = sizes[order]
     return found
 
 
 def normal_points(count: int) -> Vector:
     """Return ``count`` equally likely values of a standard normal variable, in order."""
     at = np.linspace(-6.0, 6.0, 2401)
-    share = np.cumsum(np.exp(-0.5 * at**2))
-    found: Vector = np.interp(
-        (np.arange(count) + 0.5) / count, (share - 0.5 * np.exp(-0.5 * at**2)) / share[-1], at
-    )
+    density = np.exp(-0.5 * at**2)
+    share = np.cumsum(density)
+    below = (share - 0.5 * density) / share[-1]
+    wanted = (np.arange(count) + 0.5) / count
+    found: Vector = np.interp(wanted, below, at)
     return found
 
 

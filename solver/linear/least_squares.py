@@ -189,7 +189,8 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     because their squares would lose half of the digits.
     """
     count = len(system.scale)
-    # what no row touches needs no search: rows of few functions leave most unknowns so
+    # unknowns that no row involves need no search: with rows of few functions this is true for most
+    # unknowns
     idle = np.flatnonzero(system.normal.diagonal == 0)
     basis = _candidates(system, idle)
     held = np.append(idle, _pivots(basis))

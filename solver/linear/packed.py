@@ -61,20 +61,23 @@ class Packed:
         width = len(blocks.place) - start
         own = [np.zeros((size, size)) for size in sizes]
         lower = [np.zeros((size, before)) for size, before in zip(sizes[1:], sizes, strict=False)]
-        coupling, border = np.zeros((start, width)), np.zeros((width, width))
+        coupling = np.zeros((start, width))
+        border = np.zeros((width, width))
         for piece in self.pieces:
-            local = piece.value.T @ (weight[piece.row, None] * piece.value)
+            block = piece.block
+            weighted = weight[piece.row, None] * piece.value
+            local = piece.value.T @ weighted
             inner = len(local) - width
             border += local[inner:, inner:]
-            if piece.block < 0:
+            if block < 0:
                 continue
-            here = int(sizes[piece.block])
-            before = inner - here
-            own[piece.block] += local[before:inner, before:inner]
-            coupling[edges[piece.block] - before : edges[piece.block + 1]] += local[:inner, inner:]
+            before = inner - int(sizes[block])
+            own[block] += local[before:inner, before:inner]
+            involved = slice(edges[block] - before, edges[block + 1])
+            coupling[involved] += local[:inner, inner:]
             if before:
-                own[piece.block - 1] += local[:before, :before]
-                lower[piece.block - 1] += local[before:inner, :before]
+                own[block - 1] += local[:before, :before]
+                lower[block - 1] += local[before:inner, :before]
         return Normal(blocks, own, lower, coupling, border)
 
     def squares(self, elimination: Elimination, scale: Vector) -> Vector:
@@ -99,11 +102,14 @@ def pack(rows: Rows, blocks: Blocks) -> Packed:
     group = np.full(rows.count, -1)
     for index in range(blocks.count):
         group[order[blocks.block(index)]] = index
-    highest = np.max(np.where(rows.value != 0, group[rows.column], -1), axis=1, initial=-1)
+    involved = np.where(rows.value != 0, group[rows.column], -1)
+    highest = np.max(involved, axis=1, initial=-1)
     pieces = []
     for block in np.unique(highest).tolist():
         row = np.flatnonzero(highest == block)
-        inner = order[edges[max(block - 1, 0)] : edges[block + 1]] if block >= 0 else order[:0]
+        inner = order[:0]
+        if block >= 0:
+            inner = order[edges[max(block - 1, 0)] : edges[block + 1]]
         column = np.concatenate([inner, border])
         pieces.append(Piece(block, row, column, _dense(rows, row, column)))
     return Packed(rows, blocks, tuple(pieces))
@@ -115,12 +121,14 @@ def _dense(rows: Rows, row: NDArray[np.int64], column: NDArray[np.int64]) -> Vec
     """
     local = np.full(rows.count, -1)
     local[column] = np.arange(len(column))
-    used = rows.value[row] != 0
-    place, value = local[rows.column[row]][used], rows.value[row][used]
+    value = rows.value[row]
+    used = value != 0
+    place = local[rows.column[row]][used]
     if np.any(place < 0):
         raise ValueError("rows that touch blocks which are no neighbours")
-    flat = np.repeat(np.arange(len(row)), used.sum(axis=1)) * len(column) + place
-    dense: Vector = np.bincount(flat, weights=value, minlength=len(row) * len(column)).astype(
-        np.float64, copy=False
-    )
-    return dense.reshape(len(row), len(column))
+    shape = (len(row), len(column))
+    line = np.repeat(np.arange(len(row)), used.sum(axis=1))
+    flat = line * len(column) + place
+    counted = np.bincount(flat, weights=value[used], minlength=len(row) * len(column))
+    dense: Vector = counted.astype(np.float64, copy=False)
+    return dense.reshape(shape)

@@ -157,8 +157,8 @@ def estimate(
         value=found.combination.times(adjustment.fit.unknowns),
         u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
-        # of a single increment a function has only its ends: the shape between them is zero, and no
-        # combination stands for it
+        # with a single increment a function has only its ends: the shape between them is zero and
+        # is no combination of unknowns
         known={
             **dict.fromkeys(DISPLACEMENTS, True),
             **identified(found, inverse, usual_sizes_of(adjustment.assumed)),

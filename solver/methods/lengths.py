@@ -148,7 +148,8 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
         return LengthScale(
             value=scale.value - coefficient * excess, u=float(np.hypot(scale.u, material))
         )
-    # what the way to 20 C brought in goes out again on the way back; the readings' own part stays
+    # the contribution of the reduction to 20 C is subtracted again on the way back; the readings'
+    # own part stays
     least = scale.u_readings or 0.0
     return LengthScale(
         value=scale.value + coefficient * excess,

@@ -188,10 +188,11 @@ def _positioning(
     length_mm = float(np.ptp(found.runs.target_mm))
     up, down = found.runs.up_um, found.runs.down_um
     runs = up.shape[1], up.shape[1] if down is None else down.shape[1]
-    u = expanded_um(figures.numbers(), length_mm, runs, len(up), _sources(layout, found, assumed))
-    lengths: Literal["as measured", "at 20 C"] = (
-        "at 20 C" if assumed.reduced_to_20_c else "as measured"
-    )
+    sources = _sources(layout, found, assumed)
+    u = expanded_um(figures.numbers(), length_mm, runs, len(up), sources)
+    lengths: Literal["as measured", "at 20 C"] = "as measured"
+    if assumed.reduced_to_20_c:
+        lengths = "at 20 C"
     return StandardFigures(
         **_plain(figures), runs=up.shape[1], lengths=lengths, U=u, U_status=SOURCE_STATUS
     )
@@ -205,13 +206,13 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
     direction = np.abs(layout.direction[found.rows[0]])
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
     cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)
+    growth = np.sum((direction**2 * grown) ** 2)
+    relative = float(np.sqrt(assumed.index**2 + cosine**2 + growth))
     stated = layout.u_um[found.rows]
-    reading = float(
-        np.sqrt(np.mean(np.where(np.isfinite(stated), stated, assumed.reading_um) ** 2))
-    )
+    u_um = np.where(np.isfinite(stated), stated, assumed.reading_um)
     return RunSources(
-        relative=float(np.sqrt(assumed.index**2 + cosine**2 + np.sum((direction**2 * grown) ** 2))),
-        reading_um=reading,
+        relative=relative,
+        reading_um=float(np.sqrt(np.mean(u_um**2))),
         environment_um=float(np.hypot(assumed.drift_um, assumed.wander_um)),
     )
 

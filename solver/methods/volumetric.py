@@ -132,8 +132,8 @@ def volume_shares_um(
     """
     _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
-    # the square sum of what this makes of the values is that of the error vector, mean over the
-    # points
+    # a matrix: the square sum of its product with the values is that of the error vector, mean over
+    # the points
     over = np.sqrt(3.0 / fields.shape[1]) * np.linalg.qr(fields.T, mode="r")
     alone = over @ seen.combination.dense()
     moved = over @ spread.moved(seen.combination, seen.on_causes)
@@ -206,7 +206,7 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     )
     for name in DISPLACEMENTS:
         function = errors[name]
-        # values of an unmeasured function are drawn independently: they wave more than any smooth
+        # values of an unmeasured function are drawn independently: they are rougher than any smooth
         # function
         arch, within, value = 0.0, 0.0, evenly_spaced(function)
         if len(value) > 2:

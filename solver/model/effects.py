@@ -295,7 +295,7 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
     same in every pass. Their further misses belong to the scatter.
     """
     begins = _first_of(layout.pass_index)
-    # after a reversal of the machine, the move to its place belongs to the pass before
+    # after a reversal of the machine, the move to the stop belongs to the previous pass
     came = (begins == 0)[:, None] | (
         layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)]
     )

@@ -98,15 +98,12 @@ def lateral_rows(
     pieces = [_rows_of(design, number, one) for number, one in enumerate(measured)]
     empty = (np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)))
     columns, values = zip(*(pieces or [empty]), strict=True)
+    targets = [one.value_um - of_known_angles(design, one, angles) for one in measured]
+    u_um = [np.maximum(one.u_um, LEAST_U_UM) for one in measured]
     return Observed(
         rows=Rows(np.vstack(columns), np.vstack(values), design.columns.count),
-        target=np.concatenate(
-            [
-                np.zeros(0),
-                *(one.value_um - of_known_angles(design, one, angles) for one in measured),
-            ]
-        ),
-        u=np.concatenate([np.zeros(0), *(np.maximum(one.u_um, LEAST_U_UM) for one in measured)]),
+        target=np.concatenate([np.zeros(0), *targets]),
+        u=np.concatenate([np.zeros(0), *u_um]),
     )
 
 
@@ -119,13 +116,12 @@ def lateral_angles(
     for one in measured:
         axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
         arms = _arms(design, axis, component, one.position_mm)
-        share = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.length_mm[axis]
+        share = _share_of_travel(design, axis, one)
         effect = np.zeros((len(share), pieces[0].shape[1]))
         for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
             if name in shapes.names:
-                effect[:, shapes.causes_of(name)] = (
-                    shapes.range_of(name) * arms[:, about, None] * shapes.at(share)
-                )
+                at_full_arm = shapes.range_of(name) * arms[:, about, None]
+                effect[:, shapes.causes_of(name)] = at_full_arm * shapes.at(share)
         pieces.append(effect)
     return np.vstack(pieces)
 
@@ -144,16 +140,26 @@ def _rows_of(
         terms += [(1, about, arms[:, about]) for about in range(3)]
     if 2 in columns.parts:
         terms.append((2, component, np.full(len(lower), one.approach / 2.0)))
-    column, value = np.zeros((len(lower), 12), dtype=np.int64), np.zeros((len(lower), 12))
+    column = np.zeros((len(lower), 12), dtype=np.int64)
+    value = np.zeros((len(lower), 12))
+    sides = ((lower, 1.0 - fraction), (lower + 1, fraction))
     for place, (part, which, coefficient) in enumerate(terms):
-        for side, (node, weight) in enumerate(((lower, 1.0 - fraction), (lower + 1, fraction))):
-            known = columns.of(part, axis, which)
-            column[:, 2 * place + side] = known[np.clip(node, 1, columns.nodes) - 1]
-            value[:, 2 * place + side] = np.where(node > 0, coefficient * weight, 0.0)
+        known = columns.of(part, axis, which)
+        for side, (node, weight) in enumerate(sides):
+            entry = 2 * place + side
+            column[:, entry] = known[np.clip(node, 1, columns.nodes) - 1]
+            value[:, entry] = np.where(node > 0, coefficient * weight, 0.0)
     column[:, 10:] = columns.line + 2 * number + np.arange(2)
     value[:, 10] = 1.0
-    value[:, 11] = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.length_mm[axis]
+    value[:, 11] = _share_of_travel(design, axis, one)
     return column, value
+
+
+def _share_of_travel(design: Design, axis: int, one: MeasuredStraightness) -> Vector:
+    """Return each position of a pass as a share of the travel of its axis, shape (k,)."""
+    away_mm = one.position_mm - design.volume.origin_mm[axis]
+    share: Vector = away_mm / design.volume.length_mm[axis]
+    return share
 
 
 def nodes_of(
@@ -184,9 +190,8 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
     the moving direction of the carriage.
     """
     arm = np.zeros((len(position_mm), 3))
-    arm[:, axis] = abbe_mask(design.chain)[axis, axis] * (
-        position_mm - design.volume.origin_mm[axis]
-    )
+    away_mm = position_mm - design.volume.origin_mm[axis]
+    arm[:, axis] = abbe_mask(design.chain)[axis, axis] * away_mm
     lever: Vector = 1e-3 * -cross_matrix(arm)[:, component, :]
     return lever
 
@@ -200,7 +205,7 @@ def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -
     total = np.zeros(len(arms))
     for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
         if name in angles:
-            total += arms[:, about] * np.interp(
-                one.position_mm, angles[name].position_mm, angles[name].value_urad
-            )
+            known = angles[name]
+            urad = np.interp(one.position_mm, known.position_mm, known.value_urad)
+            total += arms[:, about] * urad
     return total

@@ -223,7 +223,7 @@ def _edges_mm(
         if key.setup not in signs:
             continue
         setup = signs[key.setup]
-        # the targets of a linear run are its own: only its ends lie on the edges
+        # a linear run has targets of its own: only its ends lie on the edges
         used = rows[[0, -1]] if setup.kind == "linear" else rows
         position.append(readings.position_mm[used, axis])
         steps.append(

@@ -3,6 +3,7 @@ uncertainty, and conventions.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,35 +79,29 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []
-    if 1 in columns.parts:
-        for index, name in enumerate(ROTATIONS if not free_angles else ()):
-            nodes = columns.of(1, *divmod(index, 3))
-            pieces.append(
-                (nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design))
-            )
+    if 1 in columns.parts and not free_angles:
+        for index, name in enumerate(ROTATIONS):
+            nodes = columns.of(1, *divmod(index, 3))[:, None]
+            pieces.append((nodes, np.ones(nodes.shape), _difference_u(name, angles, design)))
     held = sum(len(column) for column, _, _ in pieces)
-    changes = [
-        _reversal_changes(columns, *divmod(index, 3))
-        for index in range(9 if 2 in columns.parts else 0)
-    ]
-    pieces += [(*change, REVERSAL_CHANGE_UM / np.sqrt(columns.nodes)) for change in changes]
-    drifts = (
-        np.arange(columns.drift, columns.line)[:, None]
-        if changes
-        else np.zeros((0, 1), dtype=np.int64)
-    )
-    pieces.append(
-        (drifts, np.ones(drifts.shape), DRIFT_UM / np.array(design.drift_spans[: len(drifts)]))
-    )
+    changes = []
+    if 2 in columns.parts:
+        changes = [_reversal_changes(columns, *divmod(index, 3)) for index in range(9)]
+    change_um = REVERSAL_CHANGE_UM / np.sqrt(columns.nodes)
+    pieces += [(*change, change_um) for change in changes]
+    drifts = np.zeros((0, 1), dtype=np.int64)
+    if changes:
+        drifts = np.arange(columns.drift, columns.line)[:, None]
+    spans = np.array(design.drift_spans[: len(drifts)])
+    pieces.append((drifts, np.ones(drifts.shape), DRIFT_UM / spans))
     moves = np.arange(columns.miss, columns.count)[:, None]
     pieces.append((moves, np.ones(moves.shape), 1.0))
-    groups = np.split(
-        np.arange(held, held + len(changes) * columns.nodes + len(drifts)),
-        [len(changes) * columns.nodes],
-    )
+    changing = len(changes) * columns.nodes
+    found = np.arange(held, held + changing + len(drifts))
+    groups = np.split(found, [changing])
     width = max((column.shape[1] for column, _, _ in pieces), default=1)
-    column = [np.pad(column, ((0, 0), (0, width - column.shape[1]))) for column, _, _ in pieces]
-    value = [np.pad(value, ((0, 0), (0, width - value.shape[1]))) for _, value, _ in pieces]
+    column = [_widened(column, width) for column, _, _ in pieces]
+    value = [_widened(value, width) for _, value, _ in pieces]
     u = [np.broadcast_to(u, len(column)) for column, _, u in pieces]
     rows = Rows(
         np.vstack([np.zeros((0, width), dtype=np.int64), *column]).astype(np.int64),
@@ -122,6 +117,11 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     )
 
 
+def _widened(matrix: NDArray[Any], width: int) -> NDArray[Any]:
+    """Return a matrix with columns of zeros at its right end, ``width`` columns in all."""
+    return np.pad(matrix, ((0, 0), (0, width - matrix.shape[1])))
+
+
 def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
     """Return the effect of the error of each given function's first position on the ``count`` rows
     of `make_prior`, shape (count, k).
@@ -129,15 +129,15 @@ def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
     A head's angles are relative to the first position: the error there is contained in all the
     others.
     """
-    names = (
-        [name for name in ROTATIONS if name in angles and np.isfinite(angles[name].u_urad[0])]
-        if 1 in design.columns.parts
-        else []
-    )
+    names = []
+    if 1 in design.columns.parts:
+        given = [name for name in ROTATIONS if name in angles]
+        names = [name for name in given if np.isfinite(angles[name].u_urad[0])]
+    nodes = design.columns.nodes
     pattern = np.zeros((count, len(names)))
     for place, name in enumerate(names):
-        first = ROTATIONS.index(name) * design.columns.nodes
-        pattern[first : first + design.columns.nodes, place] = _first_u(angles[name], design, name)
+        first = ROTATIONS.index(name) * nodes
+        pattern[first : first + nodes, place] = _first_u(angles[name], design, name)
     return pattern
 
 
@@ -164,5 +164,7 @@ def _reversal_changes(
     the two.
     """
     at = columns.of(2, axis, component)
-    value = np.column_stack([np.ones(len(at)), -1.0 * (np.arange(len(at)) > 0)])
-    return np.column_stack([at, np.concatenate([at[:1], at[:-1]])]), value
+    before = np.concatenate([at[:1], at[:-1]])
+    has_before = np.arange(len(at)) > 0
+    value = np.column_stack([np.ones(len(at)), -1.0 * has_before])
+    return np.column_stack([at, before]), value

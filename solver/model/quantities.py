@@ -114,7 +114,7 @@ def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
     ]
     return np.concatenate(
         [np.zeros((len(points), 3, 0)), *effects], axis=2
-    )  # of one increment nothing may be left but slopes
+    )  # with one increment only slopes may remain
 
 
 def _effects_um(

@@ -47,42 +47,41 @@ def backlash(name: str) -> str:
 def reported(design: Design) -> Quantities:
     """Return the quantities of `solver.model.quantities.quantities` followed by those named
     above."""
-    base = quantities(design.columns, design.volume)
-    nodes = np.arange(1, design.columns.nodes + 1)
-    names, node = list(base.names), [base.node]
-    column, value = [_wide(base.combination.column)], [_wide(base.combination.value)]
+    columns = design.columns
+    base = quantities(columns, design.volume)
+    nodes = np.arange(1, columns.nodes + 1)
+    names = list(base.names)
+    node = [base.node]
+    column = [_wide(base.combination.column)]
+    value = [_wide(base.combination.value)]
     for name, part, index, factor in _further(design):
-        at = design.columns.of(part, *divmod(index, 3))
+        at = columns.of(part, *divmod(index, 3))
+        last = np.full(len(at), at[-1])
+        line = -factor * nodes / columns.nodes
         names += [name] * len(at)
         node.append(nodes)
-        column.append(_wide(np.column_stack([at, np.full(len(at), at[-1])])))
-        value.append(
-            _wide(np.column_stack([np.ones(len(at)), -factor * nodes / design.columns.nodes]))
-        )
-    for index, name in enumerate(
-        DISPLACEMENTS if design.columns.play < design.columns.offset else ()
-    ):
-        at, play = design.columns.of(REVERSAL_PART, *divmod(index, 3)), design.columns.play + index
-        names += [backlash(name)] * (len(at) + 1)
-        node.append(np.arange(len(at) + 1))
-        column.append(
-            np.column_stack([np.concatenate([at[:1], at]), np.full((len(at) + 1, 2), play)])
-        )
-        value.append(
-            np.column_stack(
-                [np.arange(len(at) + 1) > 0, np.ones(len(at) + 1), np.zeros(len(at) + 1)]
-            ).astype(np.float64)
-        )
+        column.append(_wide(np.column_stack([at, last])))
+        value.append(_wide(np.column_stack([np.ones(len(at)), line])))
+    has_backlash = columns.play < columns.offset
+    for index, name in enumerate(DISPLACEMENTS if has_backlash else ()):
+        at = columns.of(REVERSAL_PART, *divmod(index, 3))
+        count = len(at) + 1
+        play = np.full((count, 2), columns.play + index)
+        changes = np.concatenate([at[:1], at])
+        changed = np.arange(count) > 0
+        factors = np.column_stack([changed, np.ones(count), np.zeros(count)])
+        names += [backlash(name)] * count
+        node.append(np.arange(count))
+        column.append(np.column_stack([changes, play]))
+        value.append(factors.astype(np.float64))
     names.append(SCALE_SUM)
     node.append(np.zeros(1, dtype=np.int64))
     size = np.array(design.volume.size_mm)
-    column.append(np.array([[design.columns.of(0, axis, axis)[-1] for axis in range(3)]]))
+    ends = [columns.of(0, axis, axis)[-1] for axis in range(3)]
+    column.append(np.array([ends]))
     value.append(size[None, :] / np.linalg.norm(size))
-    return Quantities(
-        names=tuple(names),
-        node=np.concatenate(node),
-        combination=Rows(np.vstack(column), np.vstack(value), design.columns.count),
-    )
+    combination = Rows(np.vstack(column), np.vstack(value), columns.count)
+    return Quantities(names=tuple(names), node=np.concatenate(node), combination=combination)
 
 
 def _wide(columns: NDArray[Any]) -> NDArray[Any]:
@@ -112,13 +111,9 @@ def identified(found: Quantities, inverse: Inverse, usual: Mapping[str, float]) 
     names, number = np.unique(np.array(found.names), return_inverse=True)
     determined = np.bincount(number, weights=~inverse.sees(found.combination)) == 0
     mean_square = np.bincount(number, weights=variances) / np.bincount(number)
-    better = np.array(
-        [
-            square < usual.get(name, np.inf) ** 2
-            for name, square in zip(names.tolist(), mean_square, strict=True)
-        ]
-    )
-    known = dict(zip(names.tolist(), (determined & better).tolist(), strict=True))
+    largest = np.array([usual.get(name, np.inf) ** 2 for name in names.tolist()])
+    is_known = determined & (mean_square < largest)
+    known = dict(zip(names.tolist(), is_known.tolist(), strict=True))
     for name in POSITIONING:
         if sloped(name) in known:
             known[sloped(name)] &= known.get(name, True) and known[name[-1]]
@@ -140,11 +135,7 @@ def variance(found: Quantities, inverse: Inverse) -> Vector:
     total = np.sum(value**2 * inverse.variance()[column], axis=1)
     for second in range(1, column.shape[1]):
         for first in range(second):
-            total += (
-                2
-                * value[:, first]
-                * value[:, second]
-                * covariance[column[:, first], place[:, second - 1]]
-            )
+            shared = covariance[column[:, first], place[:, second - 1]]
+            total += 2 * value[:, first] * value[:, second] * shared
     positive: Vector = np.maximum(total, 0.0)
     return positive

@@ -281,7 +281,8 @@ def _left_um(
         hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None],
     )
     missed = missed_um * class_factors()[:, None]
-    # in an order of its own: neither with the angles' sizes nor with the rest
+    # these sizes have an order of their own, correlated neither with those of the angles nor with
+    # the rest
     machines = np.exp(ALIKE * normal_points(len(factor)))[
         np.arange(len(factor)) * 4 % len(factor), None
     ]

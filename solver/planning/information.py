@@ -177,7 +177,7 @@ class Machinery:
         factor, shape (q, q).
         """
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
-        # no reading shows the rotation of the machine as a whole and no figure counts it: it may
+        # no reading shows the rotation of the machine as a whole, and no figure contains it: it may
         # have any size
         of_causes = (
             _ANY_TURN_UM**-2 * (self.causes == 0.0)

@@ -164,7 +164,7 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
     usual = {run.travel.base for run in lines if not any(run.beam_offset_mm)}
 
     def place(run: Run) -> tuple[bool, int, tuple[float, float, float]]:
-        # a survey file names the setups on their usual lines, then what lies beside them
+        # a survey file names the setups on their usual lines first, then the setups beside them
         base = run.travel.base
         return base not in usual, DRIVEN_SETUPS.index(base), run.beam_offset_mm
 
@@ -438,7 +438,7 @@ class Exchange:
                     continue
                 found = self.weighed(now, without)[fitting]
                 if found.min() < best[0]:
-                    # of lines that are as good the plainest, which is offered first
+                    # of equally good lines the simplest is offered first
                     first = int(
                         np.argmax((found <= found.min() + LEAST_GAIN * beside) & (found < best[0]))
                     )

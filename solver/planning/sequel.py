@@ -68,7 +68,7 @@ def sequel(
     todo = [run for run in survey.runs if run.setup not in done]
     awaited = {run.travel.base for run in todo}
     known = [_line(run) for run in driven]
-    # a line beside a planned line has its turn when that setup stands
+    # a line beside a planned line follows as soon as that setup stands
     further = [
         line for line in offered(survey, shown) if line.setup not in awaited and line not in known
     ]
@@ -186,7 +186,7 @@ def shown_by(
         )
     except (
         StepdiagError
-    ):  # too few, or a pass that contradicts its plan: the survey's own doubts name it
+    ):  # too few stops, or a pass that contradicts its plan: the survey's own doubts name this pass
         return about, None
     assumed, scatter = about.assumed, found.scatter
     repeats = assumed.repeatability_um and np.any(scatter.freedom_misses[:3] > 0)

@@ -59,7 +59,7 @@ def expanded_um(
     u["B_mean"] = np.sqrt(2.0) * mean
     u |= scatter
     if len(scatter) == 2:
-        # R = 2 s_up + 2 s_down + |B|, each half of its R
+        # R = 2 s_up + 2 s_down + |B|: each direction has half of its own R
         u["R"] = float(np.hypot(np.hypot(scatter["R_up"], scatter["R_down"]) / 2.0, u["B"]))
     widened = {"A_up": "R_up", "A_down": "R_down", "A": "R"}
     u |= {

@@ -131,7 +131,7 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     """Return the usual sizes of errors of a machine's class, by name: functions in um, squareness
     in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
-    # an unmeasured axis has grown in the warm-up, too
+    # an axis that was not measured also grew during the warm-up
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
     usual |= dict.fromkeys(AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m)))
     least = NEXT_TO_NOTHING * max(usual.values())

@@ -36,19 +36,19 @@ class BySize:
 
     def beside(self, other: "BySize") -> "BySize":
         """Return the modes of both, each with its own size."""
-        sizes = max(len(self.sized.scale), len(other.sized.scale))
-        scale, shift = (
-            np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in both])
-            for both in (
-                (self.sized.scale, other.sized.scale),
-                (self.sized.shift, other.sized.shift),
-            )
+        first, second = self.sized, other.sized
+        sizes = max(len(first.scale), len(second.scale))
+        sized = UnknownSize(
+            scale=_joined(sizes, first.scale, second.scale),
+            shift=_joined(sizes, first.shift, second.shift),
         )
-        return BySize(
-            np.hstack([self.modes, other.modes]),
-            UnknownSize(scale=scale, shift=shift),
-            np.hypot(self.left, other.left),
-        )
+        modes = np.hstack([self.modes, other.modes])
+        return BySize(modes, sized, np.hypot(self.left, other.left))
+
+
+def _joined(sizes: int, first: Vector, second: Vector) -> Vector:
+    """Return two tables (sizes or 1, modes) beside each other, each with a row for every size."""
+    return np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in (first, second)])
 
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
@@ -70,13 +70,17 @@ def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tu
     alone = variance.copy()
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
-    columns, seen, count = np.zeros((len(fields), most)), np.zeros((most, fields.shape[1])), 0
-    while count < most and float(np.sum(open_um2)) > (1.0 - KEPT_SHARE) * total:
+    enough = (1.0 - KEPT_SHARE) * total
+    columns = np.zeros((len(fields), most))
+    seen = np.zeros((most, fields.shape[1]))
+    count = 0
+    while count < most and float(np.sum(open_um2)) > enough:
         pivot = first_of_the_largest(open_um2)
-        beside = across[:, pivot] - columns[:, :count] @ seen[:count, pivot]
-        columns[:, count] = beside / np.sqrt(open_um2[pivot])
+        explained = columns[:, :count] @ seen[:count, pivot]
+        column = (across[:, pivot] - explained) / np.sqrt(open_um2[pivot])
+        columns[:, count] = column
         seen[count] = columns[:, count] @ fields
-        alone -= columns[:, count] ** 2
+        alone -= column**2
         open_um2 = np.maximum(open_um2 - seen[count] ** 2, 0.0)
         count += 1
     return columns[:, :count], _each(alone, float(np.sum(open_um2)), total, fields)
@@ -89,9 +93,11 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
     Zero where the rest of the ``total`` is rounding, and for values without effect in the volume.
     """
     moving = np.sum(fields**2, axis=1)
-    kept = np.where(moving > ROUNDING * np.max(moving), np.maximum(square, 0.0), 0.0)
+    has_effect = moving > ROUNDING * np.max(moving)
+    kept = np.where(has_effect, np.maximum(square, 0.0), 0.0)
     alone = float(kept @ moving)
-    share = over_volume / alone if over_volume > ROUNDING * total and alone > 0 else 0.0
+    remains = over_volume > ROUNDING * total and alone > 0
+    share = over_volume / alone if remains else 0.0
     found: Vector = np.sqrt(kept * min(share, 1.0))
     return found
 
@@ -104,9 +110,8 @@ def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
     factor = class_factors()
     usual = float(np.sqrt(np.mean(factor**2)))
     scale = np.tile((factor / usual)[:, None], (1, columns.shape[1]))
-    return BySize(
-        usual * columns, UnknownSize(scale=scale, shift=np.zeros(scale.shape)), usual * left
-    )
+    sized = UnknownSize(scale=scale, shift=np.zeros(scale.shape))
+    return BySize(usual * columns, sized, usual * left)
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
@@ -119,33 +124,39 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
     group.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
-    level = np.where(unseen, -np.inf, np.floor(np.log2(np.where(unseen, 1.0, family.seen))))
+    octave = np.floor(np.log2(np.where(unseen, 1.0, family.seen)))
+    level = np.where(unseen, -np.inf, octave)
     square = family.factor**2
-    columns, scale, shift, left = [np.zeros((len(direction), 0))], [], [], np.zeros(len(direction))
+    never = np.zeros(len(square))
+    columns, scale, shift = [np.zeros((len(direction), 0))], [], []
+    left = np.zeros(len(direction))
     for group in np.unique(level):
         mine = level == group
-        seen = float(np.exp(np.mean(np.log(family.seen[mine])))) if np.isfinite(group) else 0.0
+        seen = 0.0
+        if np.isfinite(group):
+            seen = float(np.exp(np.mean(np.log(family.seen[mine]))))
         variance = square / (1.0 + square * seen)
         usual = float(np.sqrt(np.mean(variance)))
         those = usual * direction[:, mine]
-        own, rest = _factored(np.sum(those**2, axis=1), those @ (those.T @ fields), fields, most)
+        alone = np.sum(those**2, axis=1)
+        across = those @ (those.T @ fields)
+        own, rest = _factored(alone, across, fields, most)
         left = np.hypot(left, rest)
         follows = variance - 1.0 / (1.0 + seen)
         moved = max(float(np.sqrt(np.mean(follows**2))), 1e-30)
-        columns += [own, moved * (direction[:, mine] @ family.shown[mine])[:, None]]
-        scale += [np.sqrt(variance) / usual] * own.shape[1] + [np.zeros(len(square))]
-        shift += [np.zeros(len(square))] * own.shape[1] + [follows / moved]
+        amounts = direction[:, mine] @ family.shown[mine]
+        columns += [own, moved * amounts[:, None]]
+        scale += [np.sqrt(variance) / usual] * own.shape[1] + [never]
+        shift += [never] * own.shape[1] + [follows / moved]
     modes = np.hstack(columns)
     matters = np.sum((modes.T @ fields) ** 2, axis=1)
+    total = float(np.sum(matters))
     order = np.argsort(-matters, kind="stable")
-    share = np.cumsum(matters[order]) / max(float(np.sum(matters)), 1e-30)
-    kept, dropped = np.split(order, [min(2 * most, int(np.searchsorted(share, KEPT_SHARE)) + 1)])
-    more = _each(
-        np.sum(modes[:, dropped] ** 2, axis=1),
-        float(np.sum(matters[dropped])),
-        float(np.sum(matters)),
-        fields,
-    )
+    share = np.cumsum(matters[order]) / max(total, 1e-30)
+    enough = int(np.searchsorted(share, KEPT_SHARE)) + 1
+    kept, dropped = np.split(order, [min(2 * most, enough)])
+    square_of_dropped = np.sum(modes[:, dropped] ** 2, axis=1)
+    more = _each(square_of_dropped, float(np.sum(matters[dropped])), total, fields)
     kept = np.sort(kept)
     sized = UnknownSize(scale=np.array(scale).T[:, kept], shift=np.array(shift).T[:, kept])
     return BySize(modes[:, kept], sized, np.hypot(left, more))

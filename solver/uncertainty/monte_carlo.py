@@ -45,10 +45,13 @@ def monte_carlo(
         sizes = np.ones((count, len(spread.names)))
         for place, family in spread.families.items():
             sizes[:, place] = rng.choice(family.factor, count)
-        drawn = rng.standard_normal((count, len(causes))) * spread.fit.size * sizes[:, spread.group]
-        deviations[:, some] = (rng.standard_normal((count, len(noise))) @ noise + drawn @ causes).T
+        amounts = rng.standard_normal((count, len(causes)))
+        drawn = amounts * spread.fit.size * sizes[:, spread.group]
+        by_noise = rng.standard_normal((count, len(noise))) @ noise
+        deviations[:, some] = (by_noise + drawn @ causes).T
     low, high = shortest_interval(deviations, probability)
-    return Intervals(u=deviations.std(axis=1, ddof=1), low=low, high=high)
+    u = deviations.std(axis=1, ddof=1)
+    return Intervals(u=u, low=low, high=high)
 
 
 def _noise_operator(spread: Spread, asked: Rows) -> Vector:
@@ -56,8 +59,10 @@ def _noise_operator(spread: Spread, asked: Rows) -> Vector:
     folded if there are more rows.
     """
     fit = spread.fit
-    direct = fit.rows.times(fit.inverse.solve(asked.dense().T)) * fit.weight[:, None]
-    gain = direct + fit.causes.left @ (fit.amount_covariance @ spread.moved(asked).T)
+    wanted = fit.inverse.solve(asked.dense().T)
+    direct = fit.rows.times(wanted) * fit.weight[:, None]
+    amounts = fit.amount_covariance @ spread.moved(asked).T
+    gain = direct + fit.causes.left @ amounts
     kept = fit.weight > 0
     scaled = gain[kept] / np.sqrt(fit.weight[kept])[:, None]
     # rows of the same covariance: R of the QR has as many as there are quantities
@@ -85,7 +90,8 @@ def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vect
     kept = int(np.ceil(probability * count))
     tail = count - kept + 1
     ordered = np.partition(samples, (tail - 1, kept - 1), axis=1)
-    starts, ends = np.sort(ordered[:, :tail], axis=1), np.sort(ordered[:, kept - 1 :], axis=1)
+    starts = np.sort(ordered[:, :tail], axis=1)
+    ends = np.sort(ordered[:, kept - 1 :], axis=1)
     best = np.argmin(ends - starts, axis=1)
     return starts[rows, best], ends[rows, best]
 

@@ -85,7 +85,7 @@ class Spread:
         beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)
         known = np.sum(each, axis=1)
         less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
-        # several steps may have been found, each a group of its own
+        # several steps may have been found, and each is a group of its own
         found = {
             name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1))
             for name in dict.fromkeys(self.names)

@@ -282,7 +282,7 @@ def _range(function: Function | None) -> tuple[float | None, float | None]:
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))
     if (
         low == high and function.u is not None
-    ):  # a function of nothing: any two of its values may be the extremes
+    ):  # a constant function: any two of its values may be the extremes
         low = high = int(np.argmax(function.u))
     u = None if function.u is None else float(np.hypot(function.u[low], function.u[high]))
     return float(function.value[high] - function.value[low]), u

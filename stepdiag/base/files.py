@@ -124,7 +124,7 @@ def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
     ``beside``.
     """
     found = hashlib.sha256(data).hexdigest()
-    # the name behind it is no part: file and hash may have been copied to another one
+    # the name after it is not compared: file and hash may have been copied to another name
     if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
         expected = f"SHA-256 {as_text(line[:64], beside)}"
         raise DataError(
@@ -207,7 +207,7 @@ def write_new(path: Path, text: str) -> None:
     """
     refuse_existing(path)
     try:
-        path.parent.stat()  # of a folder that is not there the name is wrong
+        path.parent.stat()  # if the folder does not exist, the name is wrong
         write_once(path, text)
     except OSError as error:
         raise UsageError(
@@ -254,7 +254,7 @@ def _publish(part: Path, path: Path, data: bytes, undo: ExitStack, *, over: bool
         return
     before = part.with_name("before")
     if path.is_file():
-        with suppress(OSError):  # a file system without links has no way back
+        with suppress(OSError):  # a file system without links has no way to undo this
             before.hardlink_to(path)
     part.replace(path)
     undo.callback(_back, before, path)

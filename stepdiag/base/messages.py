@@ -129,7 +129,7 @@ def rendered(words: Words, language: Language) -> str:
     known = sentences().get(words.key)
     if (
         known is None or slots(words.key).keys() != words.arguments.keys()
-    ):  # of a log of another version, without its text
+    ):  # from a log of another version, without its text
         return words.key
     filled = (
         "" if slot is None else _filled(slot, words.arguments[slot.name], language)

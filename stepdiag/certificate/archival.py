@@ -81,7 +81,7 @@ def _intent(document: Any) -> Any:
     profile = bytearray(ImageCmsProfile(createProfile("sRGB")).tobytes())
     profile[_PROFILE_DATE] = bytes([7, 208, 0, 1, 0, 1]).ljust(
         12, b"\0"
-    )  # the first day of 2000: the same profile every time
+    )  # the first day of 2000: always the same profile
     return Dictionary(
         Type=Name.OutputIntent,
         S=Name.GTS_PDFA1,

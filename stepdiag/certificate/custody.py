@@ -251,7 +251,7 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
     """Return the place of each link in the folders. Raises BrokenLinkError for the first link
     without a place.
     """
-    # a copy below, such as that of a replay, stands behind what it was copied from
+    # a copy in a folder below, such as that of a replay, follows its original
     found = sorted(
         (path for folder in folders for path in folder.rglob("*")),
         key=lambda path: (len(path.parts), path),
@@ -270,7 +270,7 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
         role, name, sha = link
         holding = [path for path, found in hashes.items() if found == sha and sha]
         if role == FILE:
-            # another export may hold a file of the same bytes: the report names folders
+            # another export may hold a file with the same bytes: the report names folders
             holding.sort(key=lambda path: -together[path.parent])
         path = next(
             (path for path in holding if path.name == name),
@@ -306,7 +306,7 @@ def _hash(path: Path) -> str:
         if ".mcap" in path.suffixes:
             return digest(path) if index_holds(path) else ""
         return hashlib.sha256(path.read_bytes()).hexdigest()
-    except (StepdiagError, OSError, ValueError):  # a file that cannot be read holds no link
+    except (StepdiagError, OSError, ValueError):  # a file that cannot be read contains no link
         return ""
 
 
@@ -444,8 +444,8 @@ def _solved(
     solved = solve_readings_file(
         of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials
     )
-    # what a person stated about the compensation stands in no reading; names of files may be others
-    # where they stand now
+    # a person's statement about the compensation is in no reading; the files may have other names
+    # in their present folder
     return replace(
         solved,
         survey=None if result.survey is None else stated_in(result).facts(),

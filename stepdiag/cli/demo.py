@@ -45,7 +45,8 @@ def demo(
             "--browser", expected=message("with-option", option="--live"), found=message("none")
         )
     with _progress() as progress:
-        # the libraries take seconds on a busy computer: the first sign of life stands before them
+        # the libraries need seconds on a busy computer: the first output comes before they are
+        # loaded
         from stepdiag.demo.demo import demonstrate
         from stepdiag.demo.processes import ended_in_order
 

@@ -361,7 +361,7 @@ class _Search:
             ):
                 evidence[
                     wider
-                ] = -np.inf  # at once or gradually: the interval of the step holds both
+                ] = -np.inf  # at once or gradually: the interval of the step includes both
         number = int(np.argmax(evidence))
         alike = np.where(kinds == kinds[number], share, 0.0)
         first, last = self._since(number, alike)

@@ -85,7 +85,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
         raise
     _require_settled(replayed, out)
     text = computed.to_json()
-    # what follows uses the rounded numbers of the file: the last bits of a sum differ from
+    # the following code uses the rounded numbers of the file: the last bits of a sum differ from
     # processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)

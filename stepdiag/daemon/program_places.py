@@ -54,7 +54,7 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
         f"{PACKAGED}/bin", f"{sys.prefix}/bin"
     )
     if any(set(place.parents) & set(HOMES) for place in places):
-        # empty but for what is bound there: `yes` would hide that too
+        # empty except for the bound sockets: `yes` would hide these folders too
         unit = unit.replace("ProtectHome=yes", "ProtectHome=tmpfs")
     return unit
 

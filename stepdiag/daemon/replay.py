@@ -84,7 +84,7 @@ def replay_and_compare(
         "different": [],
         "missing": [],
     }
-    for name in names:  # the result comes first: the hashes of others follow from it
+    for name in names:  # the result is first, because the hashes of other files follow from it
         verdict = _verdict(
             live / name, (target / name).read_bytes(), rounded=bool(verdicts["rounded"])
         )

@@ -37,7 +37,7 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     """Record surveys, solve and export each after its last pass, until the end of the process.
     Raises the errors of `serve`.
     """
-    # a tenth of the start would be spent on looking for garbage in what is being imported
+    # otherwise a tenth of the start would be used to look for garbage in the imported modules
     gc.disable()
     sys.setswitchinterval(GIVE_WAY_S)
     import asyncio
@@ -45,7 +45,7 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     from stepdiag.daemon.journal import configure
 
     configure(verbose=verbose)
-    again = (sys.executable, "-P", "-m", "stepdiag")  # not what lies in the working directory
+    again = (sys.executable, "-P", "-m", "stepdiag")  # not from the working directory
     ahead = (*again, "next", str(survey_file), "--note")
     asyncio.run(
         serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack"), ahead=ahead)
@@ -71,7 +71,7 @@ async def serve(
 
     asyncio.get_running_loop().set_exception_handler(_seldom())
     daemon = Daemon(survey_file, completion, archiving, ahead, _programs)
-    daemon.take_folder()  # who is refused for it must not be sent after another port
+    daemon.take_folder()  # a refusal for this reason must not lead to another port
     _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:

@@ -105,7 +105,7 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
     token = secrets.token_hex(8)
     os.close(
         os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600)
-    )  # nobody else reads it, from the first moment on
+    )  # no other account can read it, from the first moment on
     (folder / TOKEN_FILE).write_text(token, encoding="ascii")
     with bench(config, folder) as hall, page_port() as port:
         page = f'port = {port}\ntoken_file = "{TOKEN_FILE}"'
@@ -129,7 +129,7 @@ def page_port() -> Iterator[int]:
         try:
             mine.bind(
                 f"\0stepdiag demo, page {USUAL_PORT}"
-            )  # in no folder; ends with this process, however that ends (unix(7))
+            )  # in no folder; the lock ends with this process, whatever the reason (unix(7))
             probe.bind(("127.0.0.1", USUAL_PORT))
             port = USUAL_PORT
         except OSError:

@@ -196,7 +196,7 @@ class Store:
         target = self.path(name)
         with refusing(name):
             if not self.is_local:
-                self._files.pipe_file(target, data)  # an object appears as a whole
+                self._files.pipe_file(target, data)  # an object appears only when it is complete
                 return
             Path(target).parent.mkdir(parents=True, exist_ok=True)
             with part_of(Path(target)) as folder:
@@ -251,7 +251,7 @@ class Store:
                 if self.is_local
                 else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
             )
-            found = list(known)  # a folder is read here, where its refusal is named
+            found = list(known)  # a folder is read here, where a refusal names it
         return sorted(map(_place, map(str, found)))
 
     def json(self, name: str) -> Any:
@@ -372,7 +372,7 @@ def _publish(part: Path, target: Path, *, anew: bool) -> None:
             target.hardlink_to(part)
         except FileExistsError:
             return
-        except OSError:  # a share without links; what is there now is read back and compared
+        except OSError:  # a share without links; the present contents are read back and compared
             pass
         else:
             return

@@ -256,7 +256,7 @@ def from_parquet(
         ).read()
         table.validate(
             full=True
-        )  # words that are no UTF-8 are read as they stand, and fail where they are used
+        )  # words that are not UTF-8 are read unchanged, and fail where they are used
         for lacking in schema.names[len(table.schema.names) :]:
             table = table.append_column(
                 schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type)

@@ -154,7 +154,7 @@ def _of_machine(
         if moved and each.quantity in OF_VOLUME and own.verdict == "unchanged":
             own = Explained(
                 verdict="undecided", courses=()
-            )  # some part of it changed, by less than its own U shows
+            )  # a part of it changed, by less than its own U shows
         allowed = tolerance(each.machine, each.quantity)
         yield Trend(
             series=each,
@@ -264,7 +264,7 @@ def _leaving(
             low, high = (low, middle) if beyond(middle) else (middle, high)
         return times[-1] + high * YEAR
 
-    latest = crossing(-2.0) if line.probability >= HELD else None  # it may level off
+    latest = crossing(-2.0) if line.probability >= HELD else None  # the change may level off
     return Leaving(tolerance=limit, earliest=crossing(2.0), likely=crossing(0.0), latest=latest)
 
 

@@ -45,8 +45,8 @@ class HeadRecord:
         interval without samples.
         """
         intervals = (self.time_s - self.time_s[0]) / interval_s + 1e-9
-        # more intervals than samples: some are empty, and a clock that is wrong could ask for any
-        # number of them
+        # more intervals than samples: some are empty, and a wrong clock could request any number of
+        # them
         place = np.floor(np.minimum(intervals, len(intervals))).astype(np.int64)
         count = np.bincount(place)[: max(int(place[-1]), 1)]
         if not count.all():

@@ -315,7 +315,7 @@ def _noise(
     differ from pass to pass.
     """
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
-    # the drift's own uncertainty holds the scatter of its detector
+    # the drift's own uncertainty includes the scatter of its detector
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
     return _Noise(
         straightness_um=np.sqrt(

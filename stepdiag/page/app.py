@@ -216,7 +216,7 @@ class _CountedStream(Response):
             await self._stream(scope, receive, send)
         finally:
             self._readers[self._address] -= 1
-            self._readers += Counter()  # forgets who is at zero
+            self._readers += Counter()  # removes the addresses with a count of zero
 
 
 async def _limited_body(request: Request) -> bytes | None:
@@ -256,7 +256,7 @@ def _packed(found: Download) -> Response:
         # the places of the service's files stay private
         named = message("refusal", where=found.path.name, expected=why.expected, found=why.found)
         return refused(409, named)
-    except OSError as why:  # moved away, or its disk is, while it was packed
+    except OSError as why:  # the file was moved away, or its disk was removed, while it was packed
         return refused(409, message("labelled", name=found.path.name, what=system_words(why)))
     headers = {
         "Content-Disposition": f'attachment; filename="{found.name}"',

@@ -70,7 +70,7 @@ def serve_activated(survey_file: Path) -> None:
 
     The secrets are credentials of this unit: the daemon has no access to them.
     """
-    # both bring numpy, which the page that a daemon starts does not load
+    # both load numpy, which the page of a daemon does not load
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.page.settings import page_settings
 
@@ -140,7 +140,7 @@ def _run(
         if page is not None:
             shown.still_open = still_open
         runner.run(_serve(daemon, hears, servers, still_open))
-    os._exit(0)  # nothing is left to be written, and the daemon waits
+    os._exit(0)  # all data are written, and the daemon waits
 
 
 def _own_output() -> BinaryIO:
@@ -167,7 +167,7 @@ def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Ser
         ssl_certfile=settings.certificate or None if settings is not None else None,
         ssl_keyfile=settings.key or None if settings is not None else None,
     )
-    config.load()  # certificates are read here, before the disk is shut
+    config.load()  # certificates are read here, before access to the disk is closed
     return _Server(config)
 
 

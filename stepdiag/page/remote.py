@@ -69,7 +69,7 @@ class RemoteDaemon:
     def watch(self, *, on: bool) -> None:
         """Have pictures sent from now on, or no more."""
         self._watching = on
-        with suppress(DeviceError):  # who waits for pictures sees that none come
+        with suppress(DeviceError):  # a client that waits for pictures sees that none come
             self._ask(Watch(on=on))
 
     def say_ready(self, still_open: tuple[str, ...]) -> None:

@@ -166,19 +166,19 @@ class Watched:
         try:
             live = live_in(
                 self.folder
-                # not the lock: to ask for it could keep a daemon that starts right now from getting
-                # it
+                # without the lock: a request for it could prevent a daemon that starts at this
+                # moment from getting it
             )
             rounds = round_folders(self.folder)
             last = rounds[-1] if rounds else None
             complete = (
                 last is not None and (last / RESULT).is_file()
-            )  # a result that comes right now is one of the next look
+            )  # a result that arrives at this moment belongs to the next look
             published = self._published_of(last) if last is not None and complete else None
         except (
             StepdiagError,
             OSError,
-        ) as error:  # a file cut off by somebody's copy, a share that is away
+        ) as error:  # a file that was cut off while copying, or a share that is not available
             damage = str(error)
         return (self._state(last, live, damage, complete=complete), *(published or ()))
 

@@ -149,7 +149,7 @@ class _Publisher:
             state, *others = self._watched.now()
             for topic in (state, *others):
                 await self._put(client, topic, sent)
-            if isinstance(state, State) and state.damage:  # nobody looks again
+            if isinstance(state, State) and state.damage:  # no caller looks at it again
                 raise DataError(
                     self._watched.name, expected=message("readable-result"), found=state.damage
                 )
@@ -219,7 +219,7 @@ class _Client(aiomqtt.Client):
         paho: Any = self._client
         self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
         paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
-        # the library binds its side to any port first, which the walls of this process shut
+        # the library binds its side to any port first, which the walls of this process forbid
         # (`stepdiag.walls.confine`)
         paho._create_socket_connection = lambda: socket.create_connection(  # noqa: SLF001
             (paho.host, paho.port), timeout=paho.connect_timeout
@@ -248,7 +248,7 @@ class _Client(aiomqtt.Client):
 
 
 async def _until_lost(client: aiomqtt.Client) -> None:
-    async for _ in client.messages:  # nothing is subscribed to
+    async for _ in client.messages:  # no topic is subscribed to
         pass
 
 

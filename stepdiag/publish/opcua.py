@@ -65,7 +65,7 @@ def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: floa
     """
     logging.getLogger("asyncua").setLevel(
         logging.CRITICAL
-    )  # it tells of every client that leaves early or asks for too much
+    )  # it reports every client that leaves early or requests too much
     asyncio.run(_serve(watched, survey, endpoint, every_s))
 
 
@@ -99,8 +99,8 @@ async def _prepared(endpoint: Endpoint) -> Server:
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     _limit(server)
-    # before the address space is built, which takes most of the start: a file that is wrong is
-    # refused at once
+    # before the address space is built, which takes most of the start: a wrong file is refused at
+    # once
     for path, load in (
         (endpoint.certificate, server.load_certificate),
         (endpoint.key, server.load_private_key),
@@ -215,5 +215,5 @@ class _Users:
         self._guesses.wrong("")
         time.sleep(
             DELAY_S
-        )  # the whole server rests: two guesses a second, over however many connections
+        )  # the whole server waits: two guesses a second, over any number of connections
         return None

@@ -98,7 +98,7 @@ class Station:
             machine, "Notification", self._models.machine_tool, _NOTIFICATION_TYPE, {"Prognoses"}
         )
         self._prognoses = parts["Prognoses"]
-        # the model's own type of event is abstract: what is sent is of a type below it
+        # the model's own type of event is abstract: the sent events have a type below it
         event = await server.get_node(ua.NodeId(_EVENT_TYPE, self._models.results)).add_object_type(
             own, "StepdiagResultReadyEventType"
         )
@@ -136,7 +136,7 @@ class Station:
         elif not values["complete"] or values["round"] != self._round:
             values[
                 "findings"
-                # those of another round, or of a result that is gone, are no findings of this one
+                # findings of another round, or of a removed result, are no findings of this round
             ] = []
         self._round, now = values["round"], datetime.now(UTC)
         for name, value in values.items():
@@ -157,7 +157,7 @@ class Station:
         if name in self._results:
             self._results[name] = (
                 self._results.pop(name) if new else self._results[name]
-            )  # put back as it was: the latest once more
+            )  # put back unchanged: the latest value once more
             return False
         meta = self._meta(name, findings, published)
         content = [

@@ -56,7 +56,7 @@ def failed_writing_shown() -> Iterator[None]:
             sys.stdout.flush()
     except BrokenPipeError:
         _close_output()
-        sys.exit(0)  # who read the output has enough
+        sys.exit(0)  # the reader of the output has ended
     except UnicodeEncodeError as error:
         _close_output()
         letters = error.object[error.start : error.end]

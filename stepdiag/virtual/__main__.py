@@ -35,8 +35,8 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         sys.stderr.write(f"{options.config}: {error}\n")
         return 2
-    # the devices can be reached from here on, and every line about the program stands after this
-    # one
+    # the devices can be reached from here on, and every line about the program comes after this
+    # line
     _print({"event": "ready", **bench.addresses})
     with bench:
         threading.Thread(target=_listen, args=(bench, done), name="commands", daemon=True).start()
@@ -66,7 +66,7 @@ def _listen(bench: VirtualBench, done: threading.Event) -> None:
         elif command:
             try:
                 _obey(bench, command, rest)
-            except ValueError as error:  # what cannot be read as a fault is one too
+            except ValueError as error:  # text that cannot be read as a fault is a fault too
                 _print({"event": "refused", "text": str(error)})
 
 

@@ -140,7 +140,7 @@ def _allow(rules: int, path: Path) -> None:
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
-        return  # what is not there needs no rule
+        return  # a path that does not exist needs no rule
     try:
         rights = _READ_FILE | _READ_DIR if path.is_dir() else _READ_FILE
         _call("syscall", _LANDLOCK_ADD, rules, _RULE_BENEATH, struct.pack("=Qi", rights, place), 0)

@@ -140,7 +140,10 @@ _FILES = {
 }
 _ABSENT = {"clone3": (435, 435), "openat2": (437, 437)}
 _FOR_WRITING, _FASTOPEN, _THREAD, _ANY_BIT = 0o1103, 0x20000000, 0x10000, 0xFFFFFFFF
-"""O_WRONLY, O_RDWR, O_CREAT, O_TRUNC; MSG_FASTOPEN; CLONE_THREAD; the process itself: 0."""
+"""Bits of arguments that decide about a call: O_WRONLY, O_RDWR, O_CREAT or O_TRUNC of an opening;
+MSG_FASTOPEN of a sending; CLONE_THREAD; any bit of a process number, which is 0 for the process
+itself.
+"""
 _BY_BITS = {
     "open": ((2, _NONE), 1, _FOR_WRITING, False),
     "openat": ((257, 56), 2, _FOR_WRITING, False),

@@ -103,7 +103,8 @@ class CauseFinder:
             return []
         stands = self.evidence.stands
         if stands and (stand.reading_mm is None or stand.losses != stands[-1].losses):
-            # the beam was cut on the way: the steps before and after it are of different counts
+            # the beam was cut on the way: the steps before and after the cut belong to different
+            # counts
             self.over = True
             return self.released()
         if not stands and expected:

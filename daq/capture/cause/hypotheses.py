@@ -143,7 +143,7 @@ class Library:
         planned = self.survey.planned
         run = planned.run_of(setup)
         as_stated = order_of(planned, run, self._number(setup))
-        # orders of a plan's repeats go before the order of the volume, also in the file
+        # orders of a plan's repeats have priority over the order of the volume, in the file too
         line, value = (
             ("plan.axis_orders", '["{}"]') if run.axis_orders else ("volume.axis_order", '"{}"')
         )

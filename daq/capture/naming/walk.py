@@ -214,7 +214,7 @@ def _moves(path: Path, stops: int, *, lost: bool) -> Costs:
 def _counted(path: Path, look: Look, stops: int) -> tuple[Costs, float]:
     """Return the cost of the counter at every stop, shape (stops,), and nowhere."""
     if look.count is None or path.count is None or (path.stop < 0 and not path.nowhere):
-        return np.zeros(stops), 0.0  # between two logs the counter goes on by any number
+        return np.zeros(stops), 0.0  # between two logs the counter may increase by any number
     steps, to = count_steps(path.count, look.count), np.arange(stops)
     right = (steps == np.where(to > path.stop, to - path.stop, 1)) | (
         (to == path.stop) & (steps == 0)

@@ -38,7 +38,7 @@ class Place:
             raw = raw[:, ::-1]
         if self.kind == "f":
             kind = f"<f{self.size}"
-            with np.errstate(invalid="ignore"):  # a signalling NaN of the wire
+            with np.errstate(invalid="ignore"):  # a signalling NaN in the received bytes
                 return np.ascontiguousarray(raw).view(kind).ravel().astype(np.float64)
         wide = np.zeros((len(frames), 8), dtype=np.uint8)
         wide[:, : self.size] = raw

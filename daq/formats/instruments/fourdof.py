@@ -159,7 +159,7 @@ def _is_whole(frame: bytes) -> bool:
 
 def _binary_rows(frames: Frames) -> _Rows:
     values = np.ascontiguousarray(frames[:, 8:44])
-    with np.errstate(invalid="ignore"):  # a signalling NaN of the wire
+    with np.errstate(invalid="ignore"):  # a signalling NaN in the received bytes
         channels = np.where(
             frames[:, 2:3] == _INT32,
             values.view("<i4").astype(np.float64),

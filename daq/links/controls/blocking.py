@@ -85,7 +85,7 @@ class Waiter:
                 job.failed(error)
             else:
                 job.done(value)
-        with suppress(Exception):  # nobody waits for it any more
+        with suppress(Exception):  # no caller waits for the result any more
             self._close()
 
 

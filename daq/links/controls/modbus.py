@@ -40,7 +40,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(
     logging.CRITICAL
-)  # what it reports comes back as errors, reported once by the reconnector
+)  # its messages return as errors, which the reconnector reports once
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 logging.getLogger("snap7").setLevel(
     logging.CRITICAL
-)  # what it reports comes back as errors, reported once by the reconnector
+)  # its messages return as errors, which the reconnector reports once
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
@@ -175,7 +175,7 @@ async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link
     except ImportError as error:
         raise not_installed(settings.address, "s7") from error
     client = Client()
-    client.multi_read_max_gap = 0  # what lies between two signals may be forbidden
+    client.multi_read_max_gap = 0  # the addresses between two signals may be forbidden
 
     def end() -> None:
         if client.connection is not None:

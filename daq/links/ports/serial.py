@@ -151,7 +151,7 @@ class PolledSerial:
                     others_due_s[number] = time.monotonic() + interval_s
                     if not self._ask(port, gap_s, request):
                         _await_silence(port)
-                    break  # one at a time: the reading is asked for in between
+                    break  # one such request at a time: the reading is requested in between
             due_s = max(due_s + self._interval_s, time.monotonic())
             port.pause(due_s - time.monotonic())
 

@@ -58,7 +58,8 @@ class Tty:
             self._serial.dtr, self._serial.rts = settings.dtr, settings.rts
             self._serial.port = settings.port
             self._serial.open()
-            # sets the line up once more: only then a port says that it does not take these settings
+            # sets the line up once more: only then does a port report that it does not accept these
+            # settings
             self._serial.timeout = 0.0
             self._line = self._serial.fileno()
             _let_reads_wait(self._line)

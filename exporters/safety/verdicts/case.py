@@ -64,8 +64,8 @@ class TableCase:
         asked = centred(held - before)
         moved = centred(self._sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
-        # the survey's uncertainty excuses little: the table is judged against this result's
-        # request, not against the machine
+        # the survey's uncertainty excuses little: the table is judged by this result's request, not
+        # by the machine
         sure = max(SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size))
         bent = asked - np.polyval(np.polyfit(at, asked, 1), at)
         return regress(

@@ -61,8 +61,8 @@ def judge(
         )
         for table in tables
     ]
-    # a control has zeros for functions outside the request, and zeros alone take every correction
-    # out, as restore files do
+    # a control has zeros for functions outside the request, and zeros alone remove every
+    # correction, as restore files do
     asked = (
         set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
     )
@@ -312,7 +312,7 @@ def _asked(
     except (
         SafetyError,
         UsageError,
-    ):  # a profile whose tables cannot be made does not show what the control holds
+    ):  # a profile whose tables cannot be made does not show the contents of the control
         return
     planned = {table.name: table for table in plan.tables}
     for curve in fit.curves:

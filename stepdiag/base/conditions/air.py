@@ -144,7 +144,7 @@ def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_
     water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.03238 * s**2 + 0.004028 * s**3)
     water_molar, gas = 0.018015, 8.314472
     moles = p / (_ciddor_compressibility(t, p, xv) * gas * (t + ZERO_CELSIUS_K))
-    # of dry air the density over that of standard air counts: its molar mass is in both
+    # the ratio of the density of dry air to that of standard air counts: its molar mass is in both
     standard_moles = 101325 / (0.9995922115 * gas * 288.15)
     dry = (1 - xv) * moles / standard_moles * dry_standard
     water = xv * moles * water_molar / 0.00985938 * water_standard

@@ -61,7 +61,7 @@ def write_through(path: Path, data: bytes) -> None:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-    with suppress(PermissionError):  # of a share that knows no modes
+    with suppress(PermissionError):  # for a share that does not support modes
         path.chmod(0o644)
 
 
@@ -73,7 +73,7 @@ def publish_new(written: Path, target: Path) -> None:
         target.hardlink_to(written)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links: the name is claimed first
+    except OSError:  # a file system without links: the name is reserved first
         target.open("x").close()
         written.replace(target)
 

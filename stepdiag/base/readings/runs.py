@@ -49,7 +49,7 @@ class Run:
         """Return the stated orders, beginning with the order of its first repeat."""
         if not self.alternate or self.travel.kind not in ("step", "face"):
             return self.axis_orders
-        # by its name: a further setup leaves the orders of the others as they are
+        # by its name: an additional setup leaves the orders of the others unchanged
         first = self.travel.order[0] % max(len(self.axis_orders), 1)
         return (*self.axis_orders[first:], *self.axis_orders[:first])
 

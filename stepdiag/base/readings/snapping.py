@@ -65,14 +65,12 @@ def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector)
     else by `snapped_mm`.
     """
     known = np.unique(np.concatenate([target_mm, volume.nodes_mm(axis)]))
-    above = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
-    nearest = np.where(
-        position_mm - known[above - 1] < known[above] - position_mm, known[above - 1], known[above]
-    )
+    place = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
+    below, above = known[place - 1], known[place]
+    nearest = np.where(position_mm - below < above - position_mm, below, above)
     near_mm = 2.0 * float(volume.tolerance_mm[axis])
-    return np.where(
-        np.abs(nearest - position_mm) <= near_mm, nearest, _clustered(position_mm, near_mm)
-    )
+    is_near = np.abs(nearest - position_mm) <= near_mm
+    return np.where(is_near, nearest, _clustered(position_mm, near_mm))
 
 
 def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, float]:
@@ -87,7 +85,8 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
     if high - low <= 2.0 * POSITION_TOLERANCE_MM:
         standing = _rounded(float(np.quantile(position_mm, 0.5)), EDGE_TOLERANCE_MM)
         return standing, standing
-    share = np.rint((position_mm - low) / (high - low) * steps) / steps
+    step = np.rint((position_mm - low) / (high - low) * steps)
+    share = step / steps
     ends = np.column_stack([1.0 - share, share])
     fitted = np.linalg.lstsq(ends, position_mm, rcond=None)[0]
     off = float(np.max(np.abs(position_mm - ends @ fitted)))
@@ -121,8 +120,11 @@ def arrivals(
     moved = np.diff(position_mm, axis=0, prepend=np.nan) != 0
     stays = turned & ~moved.any(axis=1)
     came = np.where(first[:, None], ~stays[:, None], moved)
-    travels = np.zeros((int(pass_index.max(initial=-1)) + 1, 3), dtype=np.bool_)
+    passes = int(pass_index.max(initial=-1)) + 1
+    travels = np.zeros((passes, 3), dtype=np.bool_)
     np.logical_or.at(travels, pass_index, moved & ~first[:, None])
-    number = np.where(travels[pass_index], 3 * np.cumsum(came, axis=0) + np.arange(3), -1)
+    numbered = 3 * np.cumsum(came, axis=0) + np.arange(3)
+    number = np.where(travels[pass_index], numbered, -1)
     stands = int(np.any(number < 0))
-    return np.unique(number, return_inverse=True)[1].reshape(came.shape).astype(np.int64) - stands
+    _, rank = np.unique(number, return_inverse=True)
+    return rank.reshape(came.shape).astype(np.int64) - stands

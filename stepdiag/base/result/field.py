@@ -90,7 +90,7 @@ class Smoothed(NamedTuple):
             return np.broadcast_to(np.sum(inner, axis=1, keepdims=True), self.value.shape)
         size = len(even_mm)
         system = 4.0 * np.eye(size) + np.eye(size, k=1) + np.eye(size, k=-1)
-        # a parabola in the first and the last cell: a third derivative there would be that of the
+        # a parabola in the first and the last cell: a third derivative there would come from the
         # noise
         system[0, 1] = system[-1, -2] = -4.0
         target = np.pad(6.0 * inner, ((0, 0), (1, 1)))

@@ -85,7 +85,7 @@ def _predicted(
         ("without_rigid_motion", motions, moved_um2 - rigid_um2, tolerance),
     ):
         fields = machines.drawn(correction_um, free)
-        # the same before and after: only the field that they are drawn around differs
+        # this is equal before and after: only the drawn fields differ
         beside_um = machines.beside_um(fields["before"], waves_um)
         parts[name] = {
             when: machines.figures(drawn, square_um2, beside_um, allowed)
@@ -194,8 +194,8 @@ class _Machines(NamedTuple):
         }
         for when, change in changes.items():
             field = found + change
-            # of what tables take out, its noise is taken out with it; how noise bends the curve
-            # between the values stays in either
+            # with the error that tables remove, its noise is removed too; the effect of noise on
+            # the curve between the values stays in both
             over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
             whole = np.vstack([field + flat[:1], flat[1:]])
             likely = (field - min(over_um2 / square_um2, 1.0) * found + flat[:1])[0]

@@ -330,7 +330,7 @@ def _function_json(function: Function) -> dict[str, Any]:
 
 def _rounded(value: Any) -> Any:
     """Return JSON types with every float rounded."""
-    if type(value) is float:  # nearly all that there is
+    if type(value) is float:  # nearly all values have this type
         return steady(value, DECIMALS)
     if isinstance(value, Mapping):
         return {str(key): _rounded(item) for key, item in value.items()}

@@ -16,8 +16,9 @@
               program-aborted (value: stops to go back before it is restarted; its duration in
               machine seconds)
 
-Garbage of a value below 0 is a loss of so many bytes instead. A fault occurs once: ``delay_s``
-after the program reaches its place, or without a place ``delay_s`` after the start of the bench.
+A value below 0 for garbage means that this number of bytes is lost instead. A fault occurs once:
+``delay_s`` after the program reaches its place, or without a place ``delay_s`` after the start of
+the bench.
 """
 
 import threading

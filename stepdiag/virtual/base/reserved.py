@@ -16,5 +16,5 @@ def reserved_port() -> int:
     held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     held.bind(("127.0.0.1", 0))
     port = int(held.getsockname()[1])
-    held.detach()  # open for as long as the process is
+    held.detach()  # open as long as the process runs
     return port

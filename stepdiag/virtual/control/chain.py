@@ -40,7 +40,7 @@ class ChainTable:
         at = np.zeros_like(commanded_mm, dtype=np.float64)
         for axis in reversed(
             (*work, *tool)
-        ):  # from the tool to the table, each row takes the point that stands on it
+        ):  # from the tool to the table: each axis moves the point that stands on it
             travel = self._travel(axis, commanded_mm)
             inside = self.before_travel or axis in tool
             at = at if inside else at + travel

@@ -118,7 +118,7 @@ class UmdBoard:
         velocity = np.diff(count, prepend=self._last_count)
         doppler = np.where(
             np.abs(velocity) < self._reference, velocity, 0
-        )  # a jump of the counter is not a speed
+        )  # a jump of the counter is no speed
         measured = np.where(beam, self._reference + doppler, 0)
         if self._board.phase_steps == 256:
             phase = np.where(beam, phase, _NO_MEASUREMENT_BEAM)

@@ -148,7 +148,7 @@ def test_without_a_number_that_ran_on_nothing_is_proven(restart, cut, away_s, se
     passes, remarks = taken(stops)
     (doubt,) = passes.doubts()
     assert doubt.code == "laser-unwatched"
-    assert ("does not fit the time" in str(doubt.why)) is restart
+    assert ("does not match the elapsed time" in str(doubt.why)) is restart
     assert not remarks
 
 

@@ -54,7 +54,7 @@ def test_a_wrong_line_is_to_be_corrected_before_anything_is_driven_again(tmp_pat
     session.book.wrong_line = "laser.latency_s"
     wanted = (
         "laser.latency_s of the survey file is wrong: correct the file; no pass has to be driven "
-        "again for it"
+        "again"
     )
     assert str(_idle(session, "ppp")) == wanted
 

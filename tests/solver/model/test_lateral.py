@@ -232,7 +232,7 @@ def test_a_sign_that_the_diagonals_do_not_see_is_said(wrong):
         finding for finding in result.findings if finding.code == "straightness-unchecked"
     ]
     assert finding.severity == "warning"
-    assert "a wrong sign of the 4-DOF head would not be seen" in finding.text
+    assert "a wrong sign of the 4-DOF head would not be noticed" in finding.text
     assert result.head_straightness["EZX"].sign_hidden
     assert not result.head_straightness["EYX"].sign_hidden
     off = np.abs(result.errors["EZX"].value - bench.truth.errors["EZX"])

@@ -521,7 +521,7 @@ class TestSignTest:
         )
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (off, on)]
         assert f"runs_sha256 = {json.dumps(hashes)}" in told.out
-        assert ("will be refused" in told.out) == (verdict == "as-compensation")
+        assert ("an export is refused until" in told.out) == (verdict == "as-compensation")
 
     def test_swapped_runs_are_refused_by_name(self, profile, result, tmp_path):
         """They were recorded as the opposite sense, and a machine went from 7.46 to 9.28 um."""

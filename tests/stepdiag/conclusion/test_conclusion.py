@@ -70,9 +70,9 @@ class TestTheLargestShare:
         [
             ("between the targets", "drive with 20 increments"),
             ("readings", "drive each setup once more"),
-            ("not measured", "add the runs that are missing"),
-            ("angles", "measure them, with a 4-DOF head"),
-            ("drift", "drive out and back"),
+            ("not measured", "add the missing runs"),
+            ("angles", "measure the angles with a 4-DOF head"),
+            ("drift", "drive each setup out and back once more"),
             ("growth", "warm the machine up"),
             ("air", "of the material and the air"),
         ],
@@ -249,7 +249,7 @@ class TestWhatToLoad:
             ),
         )
         assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith(
-            "Drive again"
+            "Repeat the passes"
         )
 
     def test_a_refused_export_says_so(self) -> None:
@@ -420,8 +420,8 @@ class TestBasis:
     def test_which_lengths_the_tables_correct(self) -> None:
         (text,) = self.said(lengths=self.LENGTHS)
         assert text.startswith(
-            "Lengths are as measured, at 23.40 °C, and the tables correct those: scales X +3.2 ± "
-            "3.0"
+            "Lengths are as measured, at 23.40 °C, and the tables correct these lengths: scales X "
+            "+3.2 ± 3.0"
         )
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
         assert text.startswith("Lengths are brought from 23.40 °C to 20 °C")
@@ -448,11 +448,11 @@ class TestBasis:
     def test_air_that_was_assumed_is_said_as_such(self) -> None:
         conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
         (text,) = self.said(conditions=conditions)
-        assert "where no sensor measured it, p = 1013.25 hPa of the survey file counted" in text
+        assert "where no sensor measured it, p = 1013.25 hPa of the survey file was used" in text
         (text,) = self.said("de", conditions=conditions)
         assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
-        assert "its temperature was assumed" in text
+        assert "it was assumed, and U includes its uncertainty" in text
 
     def test_an_older_or_foreign_result_says_nothing(self) -> None:
         assert self.said() == []

@@ -123,7 +123,7 @@ def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again
     }
     assert not [each for each in result["findings"] if each["severity"] == "error"]
     assert {"beam-lost", "stop-recovered"} <= {each["code"] for each in result["history"]}
-    assert "Annex: what happened while recording" in (place.round / "report.html").read_text()
+    assert "Annex: events during the recording" in (place.round / "report.html").read_text()
 
 
 @pytest.mark.impatient

@@ -210,7 +210,7 @@ ROWS = [
             name,
             "wrong baud rate",
             noise(),
-            "check its baud rate",
+            "check baud rate",
             "it begins with",
             scheme="serial",
         )

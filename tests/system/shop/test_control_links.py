@@ -251,7 +251,7 @@ def test_a_closed_port_is_named(name):
 def test_a_control_that_wants_a_password_is_named():
     with tnc_control(password="secret") as control:
         _, found = looked_at("heidenhain", control.port)
-    assert "wants a password" in found["machine-unreachable"].text
+    assert "requires a password" in found["machine-unreachable"].text
 
 
 def test_a_data_block_that_is_not_there_is_named_and_the_others_are_read():
@@ -314,7 +314,9 @@ def test_a_password_is_named_in_the_journal(tmp_path):
     ):
         place.survey.write_text(with_control(place.survey.read_text(), "heidenhain", control.port))
         with daemon(place.survey, wait_for=("laser",)) as process:
-            assert "wants a password" in until(process, "link-lost", link="machine")[-1]["detail"]
+            assert (
+                "requires a password" in until(process, "link-lost", link="machine")[-1]["detail"]
+            )
 
 
 async def polled(control, settings, wanted, times):
