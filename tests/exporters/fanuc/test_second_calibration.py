@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import SafetyError
@@ -24,6 +24,7 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import VOLUME, made_result
+from testkit.examples import few
 
 FINE = replace(VOLUME, increments=20)
 NAMES = ("EXX", "EYY", "EZZ", "EXY", "EXZ", "EYZ")
@@ -100,7 +101,7 @@ def measured(seed: int, active: Sequence[Table], own: ControlFile | None) -> Res
     return replace(made_result(errors, squareness=square, u_um=0.1, volume=FINE), survey=survey)
 
 
-@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@few(5, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     seed=st.integers(0, 10_000),
     sections=st.sampled_from([8, 10, 16]),

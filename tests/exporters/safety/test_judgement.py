@@ -7,7 +7,7 @@ from datetime import date
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.compensation import stated
@@ -25,6 +25,7 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, correction_um, joined
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
+from testkit.examples import few
 
 ERRORS = {
     "EXX": [0, 3, 8, 12, 20],
@@ -237,7 +238,7 @@ def test_a_function_that_asks_for_nothing_is_not_missing():
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
-@settings(max_examples=25)
+@few(8)
 @given(off=st.floats(0.28, 0.39), sign=st.sampled_from([-1.0, 1.0]))
 def test_a_table_too_large_or_too_small_by_a_third_is_scaled(function, off, sign):
     """On the way from 0.15 to 0.4 a table was right, and 0.7 of a correction leaves a third of the
@@ -249,7 +250,7 @@ def test_a_table_too_large_or_too_small_by_a_third_is_scaled(function, off, sign
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
-@settings(max_examples=25)
+@few(8)
 @given(point=st.integers(1, 7), off_um=st.floats(4.0, 6.0), sign=st.sampled_from([-1.0, 1.0]))
 def test_one_point_that_is_off_is_found(function, point, off_um, sign):
     """A digit mistyped moves the rms little; the largest difference shows it, and where it is."""

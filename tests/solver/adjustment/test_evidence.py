@@ -2,6 +2,7 @@
 wander, against the exact machine."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import spread
 
 FULL = (*DIAGONALS, *LINEAR)
 
@@ -132,7 +134,7 @@ def test_good_surveys_are_left_alone(angle_urad):
         ]
 
 
-@pytest.mark.parametrize("setup", [*DIAGONALS, "linear-y"])
+@pytest.mark.parametrize("setup", spread([*DIAGONALS, "linear-y"], 2))
 def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
     """Two increments, one way: seven degrees of freedom, and the step is in all residuals. In the
     run nothing sees it but the angles that it would need."""
@@ -205,8 +207,11 @@ def warmed(readings, um_m):
     return replace(ordered, reading_mm=ordered.reading_mm + 1e-3 * along_m * grown_um_m)
 
 
-@pytest.mark.parametrize("um_m", [24.0, 100.0])
-@pytest.mark.parametrize("how", [{}, {"passes": (1, 2)}], ids=["one-way", "out-and-back"])
+@pytest.mark.parametrize(
+    ("how", "um_m"),
+    spread([*product([{}, {"passes": (1, 2)}], [24.0, 100.0])], 3),
+    ids=str,
+)
 def test_a_machine_that_warms_is_in_the_model_and_blames_no_stop(um_m, how):
     """2 and 8 K over the survey: the machine of the survey's middle lies within U, and no stop is
     blamed."""

@@ -12,6 +12,7 @@ from stepdiag.solver.adjustment.counts import short_counts
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench, solved
+from testkit.examples import spread
 
 FULL = (*DIAGONALS, *LINEAR)
 NAMES = ("stop-outlier", "contradiction-ambiguous.stop", "contradiction-ambiguous")
@@ -80,7 +81,7 @@ def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows)
         assert largest < 1.3
 
 
-@pytest.mark.parametrize("error_um", [8.0, -8.0])
+@pytest.mark.parametrize("error_um", spread([8.0, -8.0], 2))
 def test_a_wrong_stop_of_an_ordinary_machine_is_found_or_lies_within_u(error_um):
     """At the first two stops it may be backlash of a pass that begins without overrun: there U
     holds it (1.5 u of 2). All others are named."""

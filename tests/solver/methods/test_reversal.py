@@ -10,6 +10,7 @@ from stepdiag.solver.methods.estimate import backlash_numbers, estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import spread
 
 FULL = (*DIAGONALS, *LINEAR)
 TRUE_UM = {"X": 8.0, "Y": 5.0, "Z": 3.0}
@@ -181,7 +182,7 @@ def begun_from_within(readings, backlash_um):
     return replace(readings, reading_mm=reading)
 
 
-@pytest.mark.parametrize("backlash_um", [5.0, 20.0])
+@pytest.mark.parametrize("backlash_um", spread([20.0, 5.0], 2))
 def test_backlash_at_first_stops_without_overrun_is_one_size_of_each_axis(backlash_um):
     """Driven once, the same 20 µm stand in the first stops of every pass: they are no chance, and
     cost the scales little."""

@@ -18,6 +18,7 @@ from stepdiag.base.result.typed import read, read_or_none
 from stepdiag.solver.methods.solve import solve
 from testkit.exact.madeup import made_up_result
 from testkit.exact.surveys import Bench
+from testkit.examples import few
 
 FILE = {"name": "EEC.INI", "sha256": "a" * 64, "date": "2026-01-31", "source": "archive"}
 SCALES = {axis: {"value": 1.5, "u": 0.5, "unit": "um/m"} for axis in "XYZ"}
@@ -331,6 +332,7 @@ def test_an_unknown_member_is_refused_by_its_name(path):
     assert refused.value.where == f"r.json: {shown((*path, 'unheard'))}"
 
 
+@few(15)
 @given(
     st.sampled_from(places()),
     st.sampled_from(["text", 7.5, True, [], {}, [None], {"unheard": 1}, None]),
