@@ -21,7 +21,7 @@ from stepdiag.daq.capture.naming.route import agrees, route_of
 from stepdiag.daq.capture.naming.walk import FAULT, SURE, Chain, Look, Path
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import EDGE_NS, find_plateaus
+from stepdiag.daq.capture.standing.window import EDGE_NS, MAJORITY, find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer
@@ -39,8 +39,6 @@ LONG = 2.5
 """A standstill that lasts this number of dwells is captured before it ends: after the last stop the
 machine may stand for ever.
 """
-DWELL_SHARE = 0.5
-"""A plateau shorter than this share of the dwell is a place where the machine turned round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +65,8 @@ class ByLaser:
             route_of(survey.planned, self.setup, back),
         )
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
-        self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
+        # a plateau of less than half a dwell is a place where the machine turned round
+        self._least_s = max(needed_s, MAJORITY * survey.plan.dwell_s)
         self._long_ns = LONG * survey.plan.dwell_s * 1e9
         self._looked_ns = 0
         self._done_ns = -np.inf

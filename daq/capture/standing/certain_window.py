@@ -15,7 +15,6 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import (
-    IN_A_ROW,
     LEAST_SAMPLES,
     RESOLUTION_FLOOR_UM,
     SIGMAS,
@@ -252,10 +251,9 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     span = stream.span(begin_ns - LOOK_BACK_NS, begin_ns)
     off_mm = (span.position_mm - taken.window.mean_mm) * np.sign(step_mm)
     sides = np.sign(np.where(np.abs(off_mm) > away_mm, off_mm, 0.0))
-    in_a_row = (
-        np.convolve(sides, np.ones(IN_A_ROW), mode="valid") if len(sides) >= IN_A_ROW else sides[:0]
-    )
-    away = np.flatnonzero(np.abs(in_a_row) == IN_A_ROW)
+    enough = len(sides) >= LEAST_SAMPLES
+    in_a_row = np.convolve(sides, np.ones(LEAST_SAMPLES), mode="valid") if enough else sides[:0]
+    away = np.flatnonzero(np.abs(in_a_row) == LEAST_SAMPLES)
     if not len(away) or any(
         span.time_ns[away[-1]] <= each.time_ns <= taken.to_ns for each in stream.breaks
     ):
@@ -289,9 +287,9 @@ def last_beyond_ns(
         return None
     span = laser.span(last.window_to_ns, until_ns)
     off_mm = (span.position_mm - last.reading_mm) * np.sign(towards)
-    if len(off_mm) < IN_A_ROW:
+    if len(off_mm) < LEAST_SAMPLES:
         return None
     beyond = np.flatnonzero(
-        np.convolve(off_mm > STILL_MM, np.ones(IN_A_ROW), mode="valid") == IN_A_ROW
+        np.convolve(off_mm > STILL_MM, np.ones(LEAST_SAMPLES), mode="valid") == LEAST_SAMPLES
     )
-    return float(span.time_ns[beyond[-1] + IN_A_ROW - 1]) if len(beyond) else None
+    return float(span.time_ns[beyond[-1] + LEAST_SAMPLES - 1]) if len(beyond) else None

@@ -25,7 +25,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.standing.window import BIN_NS, LEAST_SAMPLES, Placing
+from stepdiag.daq.capture.standing.window import (
+    BIN_NS,
+    LEAST_SAMPLES,
+    LEAVING_SHARE,
+    MAJORITY,
+    Placing,
+)
 from stepdiag.daq.formats.signals import Signals
 
 STILL_MM = 0.02
@@ -173,12 +179,6 @@ def count_steps(before: int, after: int) -> int:
     return (after - before) % COUNT_MODULUS
 
 
-STRAYS = 0.1
-"""Up to this share of the samples between two dwells may be wrong while the machine stands."""
-MOST = 0.5
-"""Share of the first dwell's samples that decides when no move was observed between two dwells; its
-very first samples may still belong to the move.
-"""
 RECENT, RECENT_NS = 9, 50_000_000
 """The end of one dwell and the beginning of the next are compared, and all between them. The newest
 samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan."""
@@ -295,7 +295,9 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
         max(before.dwell.from_ns, before.end_ns - RECENT_NS), after.from_ns
     ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
-    return not strays.any() or bool(strays.mean() < (MOST if unbroken and soon else STRAYS))
+    # the very first samples may still be of the move, where none was seen between the dwells
+    wrong = MAJORITY if unbroken and soon else LEAVING_SHARE
+    return not strays.any() or bool(strays.mean() < wrong)
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:

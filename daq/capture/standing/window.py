@@ -17,9 +17,13 @@ from stepdiag.daq.timing.stream import Break, Span
 SIGMAS = 5.0
 """Noise is smaller than this number of its standard deviations."""
 LEAST_SAMPLES = 3
-"""Fewer samples do not show their own scatter. A polled display gives no more in a short dwell."""
-IN_A_ROW = 3
-"""Single wrong lines of a laser are no move, and are thrown away without a word."""
+"""Fewer samples do not show their own scatter, and are single wrong lines of a laser and no move. A
+polled display gives no more in a short dwell.
+"""
+MAJORITY = 0.5
+"""The larger part decides: of a window, of a dwell, of the way of a leaving machine, which is seen
+on it while a slip of the count is complete at once.
+"""
 BLOCKS = 256
 """Autocorrelation is estimated from block means, so that a window of any length has the same cost.
 """
@@ -204,20 +208,15 @@ UNLIKE_A_DRIFT = 0.35
 """Two levels explain the window if they leave at most so much of the squares that a straight line
 leaves."""
 WRONG_SHARE = 0.01
-"""More wrong lines than `IN_A_ROW` and so large a share of the window are no accident."""
+"""More wrong lines than `LEAST_SAMPLES` and so large a share of the window are no accident."""
 RESTLESS_UM = 0.02
 """An instrument with this resolution records the movements of air and floor: in a machine hall it
 never sends one constant value for half a window.
 """
-FROZEN_SHARE = 0.5
 FROZEN_SAMPLES = 10
 LEAVING_SHARE = 0.1
-"""Share at a window's end in which the machine may already leave: a PLC reports the standstill for
-up to a scan too long.
-"""
-ON_THE_WAY = 0.5
-"""Share of the way within which a leaving machine is first observed; a slip of the count is
-complete at once.
+"""Share of the samples of a standstill that may be of a move: a PLC reports the standstill for up
+to a scan too long.
 """
 
 
@@ -230,12 +229,12 @@ def against_itself(
     is the smallest step of the instrument until now.
     """
     count, same = len(position_mm), _longest_run(position_mm)
-    if resolution_um <= RESTLESS_UM and same >= max(FROZEN_SAMPLES, FROZEN_SHARE * count):
+    if resolution_um <= RESTLESS_UM and same >= max(FROZEN_SAMPLES, MAJORITY * count):
         return [message("laser-frozen", same=same, count=count)]
     if step_um := step_in_um(position_mm):
         return [message("window-step", step_um=step_um)]
     wrong = window.rejected - _leaving(position_mm)
-    if wrong > IN_A_ROW + WRONG_SHARE * count:
+    if wrong > LEAST_SAMPLES + WRONG_SHARE * count:
         return [message("window-step.strays", wrong=wrong, count=count)]
     return []
 
@@ -249,7 +248,7 @@ def _leaving(position_mm: NDArray[np.float64]) -> int:
     away_um = (position_mm - np.median(position_mm)) * 1e3
     staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))
     gone_um = np.abs(away_um[staying[-1] + 1 :])
-    drives = bool(np.any(gone_um) and gone_um[0] < ON_THE_WAY * np.max(gone_um))
+    drives = bool(np.any(gone_um) and gone_um[0] < MAJORITY * np.max(gone_um))
     return len(gone_um) if drives and len(gone_um) <= LEAVING_SHARE * len(away_um) else 0
 
 
