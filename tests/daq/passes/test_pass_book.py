@@ -103,7 +103,7 @@ def test_a_count_that_nobody_watched_is_used_and_doubted():
     assert only.whole
     assert [bool(only.doubt(k)) for k in range(10)] == [False] * 5 + [True] * 5
     assert str(only.why_doubtful()).startswith(
-        "stops 6–10 may be off (no sample was seen for 9.0 s before stop 6)"
+        "stops 6–10 may be wrong (no sample was seen for 9.0 s before stop 6)"
     )
 
 

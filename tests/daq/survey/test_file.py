@@ -354,7 +354,7 @@ def test_a_volume_that_reads_like_metres_is_refused() -> None:
     metres = SMALLEST.replace("size_mm = [500, 400, 300]", "size_mm = [0.5, 0.4, 0.3]")
     assert metres != SMALLEST
     with pytest.raises(
-        UsageError, match=r"volume\.size_mm: expected lengths in mm.*reads like metres"
+        UsageError, match=r"volume\.size_mm: expected lengths in mm.*looks like metres"
     ):
         parse_survey(metres, "s")
 

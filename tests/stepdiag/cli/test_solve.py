@@ -107,7 +107,7 @@ class TestSolve:
     def test_what_a_result_is_solved_from_is_told_from_it(self, tmp_path):
         told = stepdiag("report", GOLDEN, "--out", tmp_path / "r.html")
         assert told.code == 2
-        assert f"`stepdiag solve {GOLDEN} --out result.json` writes one" in told.refusal
+        assert f"`stepdiag solve {GOLDEN} --out result.json` writes such a file" in told.refusal
         told = stepdiag("report", tmp_path, "--out", tmp_path / "r.html")
         assert told.code == 2
         assert f"`stepdiag status {tmp_path}` shows what is missing" in told.refusal

@@ -72,7 +72,7 @@ def test_absent_secrets_are_said(root: Path) -> None:
         "publish", root, "--opcua", "127.0.0.1", "--certificate", "/etc/stepdiag/server.pem"
     )
     for each in ("opcua-user", "opcua-password", "opcua-key"):
-        assert f"credential {each}: mill.{each} is not there" in told
+        assert f"credential {each}: mill.{each} is missing, so it is left out" in told
     assert lines(root, "LoadCredential") == []
 
 
