@@ -31,10 +31,11 @@ test: $(TEST_VENV)/.ready ## style, types, layers and every test against the ins
 matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13
 	tools/matrix dist
 
-# the property tests with examples that nobody has seen, twenty times the changed files of somebody else, every file door of the command line
+# the property tests with examples that nobody has seen, the long lists of cases whole, twenty times the changed files of somebody else, every file door of the command line
 # with files that are right but for one field, and then these doors by turns for so many minutes: `make explore MINUTES=60`
 explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control and not partner" tests
+	$(TEST_VENV)/bin/pytest --hypothesis-profile explore -n 8 --dist loadgroup -m "system and not control" tests/system/faults tests/system/recording tests/system/shop
 	$(TEST_VENV)/bin/python tests/fuzz/by_turns.py $(MINUTES)
 
 # libmodbus, Node, snap7's C server, Prometheus, DuckDB, polars, pandas: beside `make test`, for it has eleven of its twelve minutes

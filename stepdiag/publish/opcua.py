@@ -10,8 +10,8 @@ import asyncio
 import hmac
 import logging
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,16 +71,15 @@ def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: floa
 
 async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: float) -> None:
     stop = stopped_by_signal()
+    with _opening(endpoint):  # now, and not after the seconds in which the address space is built
+        tried = await asyncio.get_running_loop().create_server(
+            asyncio.Protocol, endpoint.host, endpoint.port, start_serving=False
+        )
+        tried.close()
     server = await _prepared(endpoint)
     station = await Station.made(server, survey, watched)
-    try:
+    with _opening(endpoint):
         await server.start()
-    except OSError as error:
-        raise DeviceError(
-            endpoint.url,
-            expected=message("free-address", address=endpoint.url),
-            found=system_words(error),
-        ) from error
     stand_back(watched.folder)
     _log.info("opcua-serves", address=endpoint.url)
     try:
@@ -90,6 +89,19 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
             await station.write(watched)
     finally:
         await server.stop()
+
+
+@contextmanager
+def _opening(endpoint: Endpoint) -> Iterator[None]:
+    """Raise DeviceError for an address that cannot be opened."""
+    try:
+        yield
+    except OSError as error:
+        raise DeviceError(
+            endpoint.url,
+            expected=message("free-address", address=endpoint.url),
+            found=system_words(error),
+        ) from error
 
 
 async def _prepared(endpoint: Endpoint) -> Server:

@@ -12,6 +12,7 @@ from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.survey.file import laser_decoder, parse_survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
+from testkit.examples import spread
 from testkit.routes import make_route
 
 SURVEY = """
@@ -324,7 +325,7 @@ def test_what_a_silent_machine_cannot_give_is_refused_by_field(change, field):
 
 
 FAULTS = ["none", "idle", "hold", "missed", "missed second", "short", "slip", "reverses"]
-DRAWS = 10
+DRAWS = len(spread(range(10), 2))
 
 
 def faulty(kind, true, read, rng):

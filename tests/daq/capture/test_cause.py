@@ -2,12 +2,14 @@
 the bytes to the correction."""
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 
 from testkit.cli import stepdiag
 from testkit.exact.driven import Fault
 from testkit.exact.shops import CAUSES, corrected, draw, survey_of, surveyed
+from testkit.examples import exploring, spread
 
 KINDS = list(CAUSES)
 NAMED = (
@@ -22,8 +24,8 @@ NAMED = (
     "diameter",
 )
 """What a pass shows."""
-SOLVED = ("air never", "air twice", "expansion twice", "other diagonal")
-"""What the whole survey shows."""
+SOLVED = ("air never", "expansion twice", "other diagonal", *(["air twice"] if exploring() else []))
+"""What the whole survey shows. Air twice is the line of air never with the other sign."""
 
 
 def shop_of(cause, again=0, machine="all"):
@@ -85,7 +87,7 @@ def test_what_the_survey_shows_is_named_before_a_file_is_written_and_corrected(c
     assert "step-mismatch" not in (tmp_path / "again.json").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("again", range(2))
+@pytest.mark.parametrize("again", spread(range(2), 2))
 def test_diagonals_with_their_right_names_are_not_exchanged(again, tmp_path):
     """Few readings may agree by chance with other names and less noise than any machine has."""
     found = surveyed(shop_of("nothing", again, machine="stopped"), tmp_path)
@@ -93,8 +95,10 @@ def test_diagonals_with_their_right_names_are_not_exchanged(again, tmp_path):
     assert found.files.after_um < 0.5 * found.files.before_um
 
 
-@pytest.mark.parametrize("cause", ["nothing", "rate", "stop bit late"])
-@pytest.mark.parametrize("machine", ["all", "stopped"])
+@pytest.mark.parametrize(
+    ("machine", "cause"),
+    spread([*product(["all", "stopped"], ["nothing", "rate", "stop bit late"])], 2),
+)
 def test_a_harmless_statement_has_no_cause(cause, machine, tmp_path):
     """Nothing is named, and nothing is held back for ever."""
     found = surveyed(shop_of(cause, machine=machine), tmp_path, files=False)

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag.virtual.base.reserved import reserved_port
+from testkit.examples import spread
 from testkit.running.slaves import Pty, TcpServer, wait_until
 
 pytestmark = pytest.mark.system
@@ -134,7 +135,7 @@ def ends(process):
 @pytest.mark.impatient
 @pytest.mark.parametrize(
     ("format_", "more", "noise"),
-    [("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)],
+    spread([("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)], 2),
 )
 def test_noise_at_four_megabytes_a_second(tmp_path, format_, more, noise):
     """The machine goes on being polled, the page answers, memory stays, and SIGTERM works."""

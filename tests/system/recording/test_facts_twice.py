@@ -9,6 +9,7 @@ import pytest
 
 from stepdiag.daq.replay import begun_logs, replay
 from testkit.cli import stepdiag
+from testkit.examples import spread
 from testkit.running.hall import daemon, hall, until
 from testkit.running.verdict import nothing_silently_wrong
 
@@ -89,16 +90,26 @@ THERE_AND_BACK = [
 @pytest.mark.impatient
 @pytest.mark.parametrize(
     ("code", "words", "troubles"),
-    [
-        ("window-step", "a step of +", [{"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}]),
-        ("window-step", "samples lie far from the others", THERE_AND_BACK),
-        (
-            "laser-frozen",
-            "sent one value",
-            [{"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}],
-        ),
-    ],
-    ids=["step", "jump", "frozen"],
+    spread(
+        [
+            pytest.param(
+                "window-step",
+                "a step of +",
+                [{"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}],
+                id="step",
+            ),
+            pytest.param(
+                "window-step", "samples lie far from the others", THERE_AND_BACK, id="jump"
+            ),
+            pytest.param(
+                "laser-frozen",
+                "sent one value",
+                [{"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}],
+                id="frozen",
+            ),
+        ],
+        2,
+    ),
 )
 def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, words, troubles):
     """A step inside the dwell, a reading that jumps and comes back, a frozen value: named on the
@@ -136,7 +147,7 @@ DRIVEN_AGAIN = [
 
 
 @pytest.mark.impatient
-@pytest.mark.parametrize(("signals", "back_by", "box"), DRIVEN_AGAIN)
+@pytest.mark.parametrize(("signals", "back_by", "box"), spread(DRIVEN_AGAIN, 2))
 def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
     """Whole, or from a stop: the laser's unbroken count says where the machine is, and every
     reading is right."""
@@ -207,12 +218,26 @@ def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_do
 @pytest.mark.impatient
 @pytest.mark.parametrize(
     ("signals", "code", "trouble"),
-    [
-        (STOPPED, "between-stops", {"kind": "feed-hold", "stop": 4, "duration_s": 6.0}),
-        (COUNTED, "between-stops", {"kind": "feed-hold", "stop": 4, "duration_s": 6.0}),
-        (COUNTED, "count-stuck", {"kind": "count-stuck", "stop": 3}),
-    ],
-    ids=["feed hold, stopped", "feed hold, counted", "stuck counter"],
+    spread(
+        [
+            pytest.param(
+                STOPPED,
+                "between-stops",
+                {"kind": "feed-hold", "stop": 4, "duration_s": 6.0},
+                id="feed hold, stopped",
+            ),
+            pytest.param(
+                COUNTED,
+                "between-stops",
+                {"kind": "feed-hold", "stop": 4, "duration_s": 6.0},
+                id="feed hold, counted",
+            ),
+            pytest.param(
+                COUNTED, "count-stuck", {"kind": "count-stuck", "stop": 3}, id="stuck counter"
+            ),
+        ],
+        2,
+    ),
 )
 def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, trouble):
     """A standstill between two stops is none, a counter that stands still is named once; the pass
@@ -302,7 +327,7 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
 
 
 @pytest.mark.impatient
-@pytest.mark.parametrize("slip_um", [5.0, -200.0])
+@pytest.mark.parametrize("slip_um", spread([5.0, -200.0], 2))
 def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
     """Out against back: the pass is named, or both where either may be at fault; the survey
     waits."""

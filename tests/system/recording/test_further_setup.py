@@ -24,9 +24,8 @@ def gain_of_round(process):
 
 
 def test_a_survey_goes_on_with_further_setups_and_keeps_its_logs(tmp_path):
-    with hall(
-        tmp_path, setups=SETUPS, back=True, propose=True, handshake=True, machine=SIZES
-    ) as place:
+    driven = {"back": True, "handshake": True, "dwell": 0.5}
+    with hall(tmp_path, setups=SETUPS, propose=True, machine=SIZES, **driven) as place:
         planned = place.survey.read_text()
         place.survey.write_text(planned.replace(', "linear-x"]', "]"))
         with daemon(place.survey) as process:

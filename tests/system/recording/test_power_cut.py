@@ -10,6 +10,7 @@ import time
 import pytest
 
 from testkit.cli import stepdiag
+from testkit.examples import spread
 from testkit.running.hall import daemon, hall, until
 from testkit.running.verdict import nothing_silently_wrong
 
@@ -33,7 +34,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("happens", FAULTS)
+@pytest.mark.parametrize("happens", spread(list(FAULTS), 2))
 def test_the_recorder_loses_its_power(tmp_path, happens):
     with hall(tmp_path, **PACED) as place:
         with daemon(place.survey) as process:

@@ -45,6 +45,9 @@ slope_um_mm = 5.0
 measuring_system = 1
 """
 EXPORT = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
+DRIVEN = {"n": 6, "back": True, "size": SIZE, "exports": EXPORT}
+PACED = {"handshake": True, "dwell": 0.5}
+"""No stop takes longer than its capture."""
 
 
 def surveyed(folder: Path) -> Path:
@@ -52,9 +55,7 @@ def surveyed(folder: Path) -> Path:
     folder.mkdir()
     (folder / "siemens.toml").write_text(PROFILE, encoding="utf-8")
     with (
-        hall(
-            folder, setups=SETUPS, n=6, back=True, size=SIZE, bench=MACHINE, exports=EXPORT
-        ) as place,
+        hall(folder, setups=SETUPS, bench=MACHINE, **DRIVEN, **PACED) as place,
         daemon(place.survey) as process,
     ):
         place.start_setups()
@@ -106,13 +107,7 @@ def test_proof_runs_of_a_machine_keep_restore_and_go_on(tmp_path):
 def an_undecided_run_goes_on_with_the_setup_that_it_names(tmp_path, surveyed):
     """A line alone leaves open all that acts along and across other axes: one diagonal decides
     it, and the line is not driven again."""
-    driven = {
-        "n": 6,
-        "back": True,
-        "size": SIZE,
-        "exports": EXPORT,
-        "bench": MACHINE + active(exported(surveyed, tmp_path)),
-    }
+    driven = DRIVEN | PACED | {"bench": MACHINE + active(exported(surveyed, tmp_path))}
     with hall(tmp_path, setups=("linear-x",), **driven) as place:
         planning(place.survey, SETUPS)
         options = ("--controller", "siemens", "--minutes", "0.01", "--json")
@@ -175,15 +170,7 @@ def loaded(folder: Path, path: Path, sign: int) -> Path:
 def proved(folder: Path, files: list[Path], name: str) -> dict:
     """Drive a proof run with files in the control; return the verdict that the command prints,
     after status and result hold the same."""
-    with hall(
-        folder,
-        setups=("ppp", "linear-x"),
-        n=6,
-        back=True,
-        size=SIZE,
-        bench=MACHINE + active(files),
-        exports=EXPORT,
-    ) as place:
+    with hall(folder, setups=("ppp", "linear-x"), bench=MACHINE + active(files), **DRIVEN) as place:
         export = folder / "hall" / "0001" / "exports" / "siemens"
         named = (
             ("--loaded", export, "--profile", folder / "siemens.toml") if name == "0002" else ()

@@ -14,6 +14,8 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.ua_binary import extensionobject_to_binary
 
+from stepdiag.base.errors import DeviceError
+from stepdiag.publish import opcua
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.fleets import FIRST, QUARTER, write_rounds
 from testkit.running.brokers import PATIENCE_S
@@ -514,3 +516,15 @@ def test_a_port_that_is_taken_is_said(survey, serving):
     assert done.returncode == 4, done.stderr
     assert "a free address" in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr
+
+
+def test_an_address_that_is_taken_is_refused_before_the_address_space_is_built(
+    serving, monkeypatch
+):
+    async def built(_endpoint):
+        raise AssertionError("the address space takes seconds")
+
+    monkeypatch.setattr(opcua, "_prepared", built)
+    taken = opcua.Endpoint(host="127.0.0.1", port=int(serving.url.split("/")[2].partition(":")[2]))
+    with pytest.raises(DeviceError, match="a free address"):
+        opcua.serve(None, None, taken, every_s=1.0)

@@ -9,6 +9,7 @@ import pytest
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
 from testkit.cli import stepdiag
+from testkit.examples import spread
 from testkit.running.hall import daemon, hall, until
 from testkit.running.survey_runs import drive_one_and_kill
 
@@ -33,7 +34,7 @@ INSTRUMENTS = {
 }
 
 
-@pytest.mark.parametrize("name", INSTRUMENTS)
+@pytest.mark.parametrize("name", spread(list(INSTRUMENTS), 2))
 @pytest.mark.impatient
 def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_the_same_bytes(
     tmp_path, name

@@ -6,10 +6,11 @@ import pytest
 
 from stepdiag.daq.capture.naming.walk import SURE, Chain, Look, Path
 from stepdiag.daq.survey.file import parse_survey
+from testkit.examples import spread
 from testkit.routes import make_route
 from testkit.timeline import survey_text
 
-DRAWS = 60
+DRAWS = len(spread(range(60), 2))
 LEAST_RIGHT = 0.97
 """Boxes whose axes make nearly the same step hide a missed stop, or a pass that was begun anew."""
 

@@ -12,6 +12,7 @@ from stepdiag.daq.capture.naming.walk import stop_reading
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
+from testkit.examples import spread
 from testkit.routes import make_route
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
@@ -54,11 +55,14 @@ def assert_as_driven(each, truth, within_um=0.6):
 @pytest.mark.parametrize(
     ("signals", "size", "left_at", "again_at"),
     [
-        (STOPPED_ONLY, size, *ends)
-        for size in (BOX, CUBE)
-        for ends in ((4, 0), (4, 3), (5, 0), (6, 0), (6, 4))
-    ]
-    + [
+        *spread(
+            [
+                (STOPPED_ONLY, size, *ends)
+                for size in (BOX, CUBE)
+                for ends in ((4, 0), (4, 3), (5, 0), (6, 0), (6, 4))
+            ],
+            3,
+        ),
         (COUNTED, BOX, 4, 0),
         (COUNTED, CUBE, 4, 3),
         (COUNTED, BOX, 5, 0),

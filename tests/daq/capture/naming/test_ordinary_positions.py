@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
 
 from stepdiag.base.findings import Finding
@@ -23,6 +23,7 @@ from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.survey.file import parse_survey
+from testkit.examples import few
 from testkit.routes import make_route
 from testkit.timeline import Timeline, diagonal, survey_text
 
@@ -127,7 +128,7 @@ def test_g91_adds_its_rounding_up():
     assert_clean(stops, stops, 0.06)
 
 
-@settings(max_examples=4, deadline=None, phases=[Phase.explicit, Phase.generate])
+@few(2, phases=[Phase.explicit, Phase.generate])
 @given(st.integers(0, 10_000), st.sampled_from([0.1, 0.5, 3.0]), st.sampled_from([0.1, 1.0]))
 def test_encoders_that_scatter_from_stop_to_stop(seed, scatter_um, register_um):
     """The machine stood where they say, in both directions elsewhere."""
@@ -141,7 +142,7 @@ def test_encoders_that_scatter_from_stop_to_stop(seed, scatter_um, register_um):
     )
 
 
-@settings(max_examples=4, deadline=None, phases=[Phase.explicit, Phase.generate])
+@few(2, phases=[Phase.explicit, Phase.generate])
 @given(st.integers(0, 10_000), st.sampled_from([0.3, 1.0, 3.0]), st.sampled_from([0.1, 1.0]))
 def test_encoders_that_scatter_from_poll_to_poll(seed, flicker_um, register_um):
     """A standstill's median of some thirty polls: the machine stood still."""
