@@ -156,7 +156,7 @@ class TestVerdict:
             (25.4, "inch"),
             (1 / 25.4, "not active"),
             (1000.0, "mm and µm"),
-            (4.0, "look at"),
+            (4.0, "check the detection unit"),
             (0.4, "diameters"),
         ],
     )
