@@ -155,7 +155,7 @@ def test_altered_report_is_refused_and_found(name: str, folder: Path) -> None:
     assert (told.code, (folder / "d.xml").exists()) == (3, False)
     rehashed(folder, before, "report.html")
     told = stepdiag("verify", folder / "c.xml")
-    assert (told.code, "report report.html: other than" in told.out) == (5, True), told.out
+    assert (told.code, "report report.html: differs from" in told.out) == (5, True), told.out
 
 
 @pytest.mark.parametrize("name", ["report.xhtml", "report.HTM", "report", "report.svg"])

@@ -262,7 +262,7 @@ def shown(store: Store) -> str:
 
 def test_check_reads_a_store_whole(folder: Path) -> None:
     told = stepdiag("archive", "check", folder / "store")
-    assert (told.code, "holds: 2 surveys" in told.out) == (0, True)
+    assert (told.code, "is intact: 2 surveys" in told.out) == (0, True)
     (_survey(folder) / "readings.csv").write_text("", encoding="utf-8")
     (_survey(folder, "Mill 8") / "result.json").unlink()
     told = stepdiag("archive", "check", folder / "store")

@@ -171,8 +171,8 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
     plain = ordinary_head(3)
     with pytest.raises(
         DataError,
-        match=r"commission: qd: expected a sum with the noise of light, found the value 9.*its "
-        r"electronics",
+        match=r"commission: qd: expected a sum with the noise of light, found the value 9.*the "
+        r"electronics are saturated",
     ):
         Rig(3, qd=replace(plain.qd, ceiling=0.9)).commissioned()
     standings = Rig(3).standings()

@@ -132,7 +132,7 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         ((), "HOST"),
         (("--broker", "a", "--opcua", "b"), "found both"),
         (("--opcua", "127.0.0.1"), "found neither"),
-        (("--opcua", "127.0.0.1", "--certificate", "x.pem"), "found one of them"),
+        (("--opcua", "127.0.0.1", "--certificate", "x.pem"), "found one of the two"),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "k"), "--key"),
         (("--opcua", "127.0.0.1", "--certificate", "nowhere.pem", "--key", "p"), "nowhere.pem"),
         (
