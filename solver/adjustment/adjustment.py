@@ -18,7 +18,6 @@ from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
 from stepdiag.solver.adjustment.faults import (
-    MOST,
     Suspicion,
     effects_for,
     most_suspicious,
@@ -590,8 +589,9 @@ class _Task:
         )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
-        """Remove one contradiction after another, and yield the fit without each."""
-        most = max(2, int(MOST * len(self.layout)))
+        """Take out contradiction after contradiction and yield the fit without it."""
+        # with more contradictions than one in so many stops, single stops are not the trouble
+        most = max(2, int(len(self.layout) / ODDS))
         for found in range(most + 1):
             suspicion = self._worst(current)
             if suspicion is None:
