@@ -18,6 +18,7 @@ from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
 from stepdiag.solver.adjustment.faults import (
+    EFFECTS,
     Suspicion,
     effects_for,
     most_suspicious,
@@ -153,6 +154,21 @@ class Adjustment:
         return sized(
             self.as_usual(*found), np.repeat(factor, [effect.count for effect in self.effects])
         )
+
+    @property
+    def repaired_um(self) -> Vector:
+        """Return what each reading deviates without the steps of its count that were found, shape
+        (m,); NaN for a stop left out."""
+        edges = np.cumsum([0, *(effect.count for effect in self.effects)])
+        steps = sum(
+            (
+                effect.pattern_um @ self.fit.amount[first : first + effect.count]
+                for effect, first in zip(self.effects, edges.tolist(), strict=False)
+                if effect.name == EFFECTS[STEP]
+            ),
+            np.zeros(len(self.layout)),
+        )
+        return np.where(np.isfinite(self.u_um), self.layout.deviation_um - steps, np.nan)
 
     @property
     def residual_um(self) -> Vector:
