@@ -40,6 +40,8 @@ from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 EFFECTS = {STEP: "found step", WALK: "wandering pass"}
 """Effects of the adjustment by which a fault is left open."""
+TRIAL = "suspicion"
+"""Effect of a fault that is being weighed."""
 LEAST_UM = 0.5
 """Least size of a wrong stop or step in um, however small the noise, and least difference between
 two machines over the volume (rms) that matters: about the repeatability of a machine.
@@ -288,5 +290,5 @@ def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effec
 def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
     """Return the best explanation as an effect of its size."""
     return Effect(
-        name="suspicion", text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout))
+        name=TRIAL, text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout))
     )
