@@ -18,7 +18,7 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.evidence import HIDDEN, response_of
 from stepdiag.solver.adjustment.explanations import along_the_way_m
-from stepdiag.solver.adjustment.scatter import FIRST, Scatter
+from stepdiag.solver.adjustment.scatter import FIRST, Scatter, separated
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
@@ -272,7 +272,9 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         )
         findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
-    low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (
+    # where noise and misses are one pattern, a machine that repeats as assumed explains it as well
+    beside_um = np.where(separated(found.layout), 0.0, found.assumed.repeatability_um)
+    low = (np.hypot(rms_um, scatter.noise_um) > TOO_LOW * np.hypot(rms_um, beside_um)) & (
         scatter.freedom_noise >= LEAST_FREEDOM
     )
     if np.any(low):
