@@ -18,7 +18,8 @@ from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
 from stepdiag.solver.adjustment.faults import (
-    MOST,
+    EFFECTS,
+    TRIAL,
     Suspicion,
     effects_for,
     most_suspicious,
@@ -30,7 +31,7 @@ from stepdiag.solver.adjustment.naming import name_excess, name_explained, name_
 from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
 from stepdiag.solver.adjustment.signs import unseen_signs, wrong_signs
 from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
-from stepdiag.solver.linear.fit import Fit, fit, refit
+from stepdiag.solver.linear.fit import Fit, fit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.between import (
@@ -70,9 +71,10 @@ from stepdiag.solver.model.warmth import at_one_temperature
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
-"""Effects whose sizes are estimated before the search for wrong stops: none of them can adapt to a
-single stop.
-"""
+"""Effects whose sizes are found before wrong stops are: none of them bends to hold a single
+stop."""
+FOUND = (*EFFECTS.values(), TRIAL)
+"""Effects on a count that only a contradiction puts into the model."""
 SETTLED = 0.02
 """Sizes that change by less than this share have converged: the causes themselves are hardly known
 to a tenth.
@@ -154,6 +156,21 @@ class Adjustment:
         return sized(
             self.as_usual(*found), np.repeat(factor, [effect.count for effect in self.effects])
         )
+
+    @property
+    def repaired_um(self) -> Vector:
+        """Return what each reading deviates without the steps of its count that were found, shape
+        (m,); NaN for a stop left out."""
+        edges = np.cumsum([0, *(effect.count for effect in self.effects)])
+        steps = sum(
+            (
+                effect.pattern_um @ self.fit.amount[first : first + effect.count]
+                for effect, first in zip(self.effects, edges.tolist(), strict=False)
+                if effect.name == EFFECTS[STEP]
+            ),
+            np.zeros(len(self.layout)),
+        )
+        return np.where(np.isfinite(self.u_um), self.layout.deviation_um - steps, np.nan)
 
     @property
     def residual_um(self) -> Vector:
@@ -323,7 +340,7 @@ class _Task:
         if worst is None or not worst.decided or worst.best.kind != STEP:
             return self._find_scatter(current, robust=True)
         self.effects.append(trial_of(self.layout, worst))
-        current = self._find_scatter(self._with_effects(current.fixed), robust=True)
+        current = self._find_scatter(self._fit_with_tilts(), robust=True)
         self.effects.pop()
         return self._with_effects(current.fixed)
 
@@ -426,13 +443,21 @@ class _Task:
         return np.pad(change, (0, len(self.target) - len(change)))
 
     def _fit_with_tilts(self) -> MixedFit:
-        current = fit(self.rows, self.design.blocks, self.target, self._weight())
+        """Return the fit of the target for the tilts that it finds itself.
+
+        A step of millimetres would tilt a mirror by milliradians, and the terms of second order of
+        such a tilt bend the readings by micrometres: what was found of a count is taken off first.
+        """
+        fixed = fit(self.rows, self.design.blocks, self.target, self._weight())
+        found = [effect for effect in self.effects if effect.name in FOUND]
+        causes = Causes.of(fixed, self._on_all_rows(found))
+        current = MixedFit(fixed, causes, np.ones(causes.pattern.shape[1]))
         for _ in range(TILT_ROUNDS):
             self.target[: len(self.layout)] = self._target_for(
                 _smallest_machine(self.design, current)
             )
-            current = refit(self.rows, self.target, current.weight, current.inverse)
-        return self._with_effects(current)
+            current = current.for_target(self.target)
+        return self._with_effects(current.fixed)
 
     def _with_effects(self, fixed: Fit, near: Vector | None = None) -> MixedFit:
         """Return a fit with the effects, each kind with its most likely size by the readings; the
@@ -590,8 +615,9 @@ class _Task:
         )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
-        """Remove one contradiction after another, and yield the fit without each."""
-        most = max(2, int(MOST * len(self.layout)))
+        """Take out contradiction after contradiction and yield the fit without it."""
+        # with more contradictions than one in so many stops, single stops are not the trouble
+        most = max(2, int(len(self.layout) / ODDS))
         for found in range(most + 1):
             suspicion = self._worst(current)
             if suspicion is None:

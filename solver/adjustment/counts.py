@@ -16,6 +16,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 LEAST_ROWS = 3
+"""A count of no more readings has no step but those that are a wrong first or last stop."""
 MOST_WAVES = 48
 """Number of components of a random walk: they hold all but a hundredth of its variance, whatever
 its number of steps.

@@ -18,7 +18,7 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.evidence import HIDDEN, response_of
 from stepdiag.solver.adjustment.explanations import along_the_way_m
-from stepdiag.solver.adjustment.scatter import FIRST, Scatter
+from stepdiag.solver.adjustment.scatter import FIRST, Scatter, separated
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
@@ -73,7 +73,7 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
             tilt_mrad=None if tilt is None else float(np.linalg.norm(tilt)),
             tilt_xyz_mrad=None if tilt is None else triple(tilt),
             drift=_drifts(found, setup.name),
-            repeatability_um=_repeatability_um(layout, setup.name),
+            repeatability_um=_repeatability_um(found, setup.name),
             residual_um=float(np.sqrt(np.mean(found.residual_um[used] ** 2)))
             if used.any()
             else None,
@@ -136,13 +136,15 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
     return np.where(kinds, added, 0.0)
 
 
-def _repeatability_um(layout: Layout, setup: str) -> float | None:
+def _repeatability_um(found: Adjustment, setup: str) -> float | None:
     """Return the standard deviation of a stop between passes in the same direction, None without
     repeats.
 
-    Stops at a common target count as equal, whatever their numbers: the order of axes may change
-    from pass to pass.
+    A step of the count and a wrong stop are repaired, and are no scatter of the machine. Stops at a
+    common target are equal, whatever their numbers: axes may move in another order from pass to
+    pass.
     """
+    layout, deviation_um = found.layout, found.repaired_um
     place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     squares, freedom = 0.0, 0
     for outward in (True, False):
@@ -152,14 +154,14 @@ def _repeatability_um(layout: Layout, setup: str) -> float | None:
             if key.setup == setup and key.outward == outward
         ]
         rows = [
-            np.flatnonzero(layout.pass_index == index)
+            np.flatnonzero((layout.pass_index == index) & np.isfinite(deviation_um))
             for index in mine
             if not _interrupted(layout, index)
         ]
         if len(rows) < 2:
             continue
         every = list(set.intersection(*(set(place[one].tolist()) for one in rows)))
-        table = np.array([_at_places(layout.deviation_um[one], place[one], every) for one in rows])
+        table = np.array([_at_places(deviation_um[one], place[one], every) for one in rows])
         table = table - table.mean(axis=1, keepdims=True)
         squares += float(np.sum((table - table.mean(axis=0)) ** 2))
         freedom += (table.shape[0] - 1) * (table.shape[1] - 1)
@@ -270,7 +272,9 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         )
         findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
-    low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (
+    # where noise and misses are one pattern, a machine that repeats as assumed explains it as well
+    beside_um = np.where(separated(found.layout), 0.0, found.assumed.repeatability_um)
+    low = (np.hypot(rms_um, scatter.noise_um) > TOO_LOW * np.hypot(rms_um, beside_um)) & (
         scatter.freedom_noise >= LEAST_FREEDOM
     )
     if np.any(low):

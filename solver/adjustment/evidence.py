@@ -60,28 +60,29 @@ STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "exchanged names",
 )
 PRIOR = {
-    SCALE: 0.2,
-    PRODUCT: 0.1,
     GROWN: 0.5,
-    STOP: 0.3,
-    STEP: 0.3,
-    WALK: 0.1,
-    TURNED: 0.1,
-    EXCHANGED: 0.01,
+    **dict.fromkeys((STOP, STEP), 0.3),
+    SCALE: 0.2,
+    **dict.fromkeys((PRODUCT, WALK, TURNED), 0.1),
 }
-"""Prior probability that a survey has an explanation of a kind: every second survey begins on a
-cold machine, one in five has a setup with a wavelength, an air or a target of its own; machines
-with products as large as their functions are rarer; shops repeat a pass in one survey of three; of
-the files of a head one in ten has the other sign, and in one survey of a hundred two names are
-exchanged. Of 120 surveys with a setup 0 to 40 um/m off, 17 left more than was promised with 0.1 for
-a scale, 10 with 0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
+"""Prior probability that a survey has an explanation of a kind. Every second survey begins on a
+cold machine. Shops repeat a pass in one survey of three. In one survey of five a setup has a
+wavelength, an air or a target of its own. Rarer are a machine with products as large as its
+functions, a pass that wanders and a head with the other sign. Of 120 surveys with a setup 0 to 40
+um/m off, 17 left more than was promised with 0.1 for a scale, 10 with 0.2 and 5 with 0.3, which
+calls a machine that warms ambiguous.
 """
+PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
+"""In one survey of a hundred two names are exchanged: a setup is twenty times as often of another
+scale."""
 GROWING = 4.0 ** np.arange(12)
-"""Squares of sizes relative to the uncertainty of the readings, all equally likely: from once to
-2000 times the uncertainty.
-"""
+"""Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the
+uncertainty."""
+SURE = 1.0 - 1.0 / ODDS
+"""Probability promised by U: the same odds against a value beyond it."""
 HIDDEN = 1e-6
-"""A pattern of which the fit leaves less than this share cannot be separated from the unknowns."""
+"""A pattern of which the fit leaves less than this share is not separated from what is unknown
+already, and one that moves the volume by less harms nothing: the rest is rounding."""
 DECIMALS = 6
 """Log-odds beyond which the order of two explanations is chance."""
 

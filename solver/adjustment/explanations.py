@@ -48,6 +48,7 @@ from stepdiag.solver.adjustment.evidence import (
     SCALE,
     STEP,
     STOP,
+    SURE,
     WALK,
     Family,
     directions,
@@ -60,8 +61,6 @@ from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.effects import BESIDE, ONE_SCALE, ONE_WALK, Effect
 from stepdiag.solver.model.layout import Layout
 
-SURE = 0.95
-"""Probability promised by U."""
 MOST_UM, MOST_UM_M = 50.0, 200.0
 """Larger products or scales do not occur, and the search ends there."""
 

@@ -40,15 +40,17 @@ from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 EFFECTS = {STEP: "found step", WALK: "wandering pass"}
 """Effects of the adjustment by which a fault is left open."""
+TRIAL = "suspicion"
+"""Effect of a fault that is being weighed."""
 LEAST_UM = 0.5
-"""Least size of a wrong stop or step in um, however small the noise: about the repeatability of the
-machine.
+"""Least size of a wrong stop or step in um, however small the noise, and least difference between
+two machines over the volume (rms) that matters: about the repeatability of a machine.
 """
 MOST_WEIGHED = 200
+"""So many stops and steps, the best by their residues, are weighed by the machine's smoothness: a
+step among thousands of readings makes most of its neighbours probable."""
 FREE_UM = 1e3
-"""The prior of a size about which nothing is known in advance."""
-MOST = 0.05
-"""With more contradictions than this share of the stops, single stops are not the cause."""
+"""Of a size of which nothing is known beforehand."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -288,5 +290,5 @@ def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effec
 def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
     """Return the best explanation as an effect of its size."""
     return Effect(
-        name="suspicion", text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout))
+        name=TRIAL, text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout))
     )

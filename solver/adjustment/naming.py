@@ -11,13 +11,8 @@ from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.result.field import PRODUCTS
 from stepdiag.solver.adjustment.evidence import PRODUCT, STOP, WALK
 from stepdiag.solver.adjustment.explanations import Explained
-from stepdiag.solver.adjustment.faults import Fault, Suspicion
+from stepdiag.solver.adjustment.faults import LEAST_UM, Fault, Suspicion
 from stepdiag.solver.model.layout import Layout
-
-APART_UM = 0.5
-"""Largest difference over the volume (rms) between the machines of explanations that may be left
-open: whichever is true, the result hardly changes.
-"""
 
 
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
@@ -31,7 +26,8 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     suspects = [_suspect(layout, one) for one in every]
     if kinds != {STOP}:
         return finding("error", message("contradiction-ambiguous", suspects=suspects), among=among)
-    if suspicion.apart_um > APART_UM:
+    # machines that differ by less may be left open: whatever is true, the result hardly moves
+    if suspicion.apart_um > LEAST_UM:
         return finding(
             "error",
             message(

@@ -227,6 +227,23 @@ def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
     ]
 
 
+def separated(layout: Layout) -> NDArray[np.bool_]:
+    """Return for every setup whether it separates noise from misses: most of its readings share the
+    miss of a move with another reading, shape (setups,).
+
+    In a run along an axis each reading has a move of its own: there a large noise and a machine
+    that repeats badly are one pattern.
+    """
+    moved = np.where(layout.direction != 0.0, layout.arrival, -1)
+    many = np.bincount(moved[moved >= 0], minlength=1)
+    shared = np.any((moved >= 0) & (many[np.maximum(moved, 0)] > 1), axis=1)
+    count = len(layout.setups)
+    common, every = (
+        np.bincount(layout.setup_index[rows], minlength=count) for rows in (shared, slice(None))
+    )
+    return np.asarray(2 * common > every)
+
+
 def _stated_um(layout: Layout) -> Vector:
     """Return the uncertainty stated by every reading, 0 without a statement, shape (m,)."""
     return np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)

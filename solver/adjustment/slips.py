@@ -29,13 +29,8 @@ always named: 6.65 for 5 standard uncertainties by the normal distribution (95 %
 effects larger than usual explain part of a step.
 """
 MOST_STANDING = 10.0
-"""Multiple of that size: in surveys with three to ten degrees of freedom nearly all slips of 1.6
-times the size were named or refused.
-"""
-NOTHING_UM = 1e-6
-"""A step of 1 um with a smaller effect on the volume counts as harmless: at the turn of a count
-1e-9 is rounding, elsewhere 0.1 is little.
-"""
+"""Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6
+times that size were named or refused."""
 TELLS_MORE = 1.3
 """Factor between the volume's error by a slip and that by the noise of the readings, beyond which
 the slip is reported with its pass.
@@ -126,7 +121,7 @@ def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iter
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
-    unseen = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
+    unseen = np.where(moved_um > HIDDEN, np.inf, 0.0)
     made = np.where(
         visible, moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM), unseen
     )

@@ -5,12 +5,10 @@ to target.
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.model.design import Columns
-
-FUNCTIONS = 9
-LEAST_POWER_UM2 = 1e-8
-"""Functions without any noise (simulated) must not give an infinite likelihood."""
+from stepdiag.solver.model.noise import LEAST_U_UM
 
 
 def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vector:
@@ -34,14 +32,14 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
         for component in range(3):
             values = unknowns[columns.of(0, axis, component)]
             shape = values[:-1] - values[-1] * (number / columns.nodes)[:, None]
-            power += (transform @ shape) ** 2 / FUNCTIONS
+            power += (transform @ shape) ** 2 / len(DISPLACEMENTS)
     shown = np.concatenate(
         [columns.of(0, axis, component)[:-1] for axis in range(3) for component in range(3)]
     )
     noise_um2 = 2.0 / columns.nodes * float(np.quantile(variance_um2[shown], 0.5))
-    power = np.maximum(power, max(noise_um2, LEAST_POWER_UM2))
+    power = np.maximum(power, max(noise_um2, LEAST_U_UM**2))
     falling = np.column_stack([_falling(column) for column in power.T])
-    likelihood: Vector = FUNCTIONS * np.sum(np.log(falling) + power / falling, axis=0)
+    likelihood: Vector = len(DISPLACEMENTS) * np.sum(np.log(falling) + power / falling, axis=0)
     return likelihood
 
 

@@ -1,7 +1,10 @@
 """What is beside the model of a survey competes by one number; what stays probable is in the
 result, of a good survey nothing."""
 
+import ast
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,15 +12,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.result.field import PRODUCTS
+from stepdiag.solver.adjustment import explanations
 from stepdiag.solver.adjustment.adjustment import adjust
-from stepdiag.solver.adjustment.evidence import GROWN, ODDS, PRODUCT, SCALE
-from stepdiag.solver.adjustment.explanations import SURE, explained, products_um, reaching, shares
+from stepdiag.solver.adjustment.evidence import GROWN, ODDS, PRODUCT, SCALE, SURE
+from stepdiag.solver.adjustment.explanations import explained, products_um, reaching, shares
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.effects import BESIDE, ONE_SCALE
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
+FAMILY = ("counts", "evidence", "exchanged", "explanations", "faults", "naming", "smoothness")
 KINDS = np.array([*[SCALE] * 7, *[PRODUCT] * 10, GROWN])
+
+
+def test_what_decides_has_at_most_fifteen_figures_each_with_its_reason():
+    """A prior that several kinds share is one figure, and one that follows from the odds is
+    none."""
+    figures = 0
+    for name in FAMILY:
+        source = Path(explanations.__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+        for one, after in pairwise(ast.parse(source).body):
+            every = list(ast.walk(one.value)) if isinstance(one, ast.Assign) else []
+            numbers = {
+                each.value
+                for each in every
+                if isinstance(each, ast.Constant) and isinstance(each.value, float | int)
+            }
+            follows = any(isinstance(each, ast.Name) and each.id == "ODDS" for each in every)
+            if numbers and not follows:
+                several = isinstance(one.value, ast.Dict | ast.Tuple)
+                figures += len(numbers) if several else 1
+                assert isinstance(after, ast.Expr), ast.unparse(one)
+    assert figures <= 15
 
 
 @given(st.lists(st.floats(-12.0, 12.0), min_size=len(KINDS), max_size=len(KINDS)))

@@ -205,3 +205,20 @@ def test_a_count_of_one_reading_has_no_step_that_could_slip():
     last = mine & (readings.stop == 4)
     cut = replace(readings, zero=zero, reading_mm=np.where(last, 0.0, readings.reading_mm))
     assert too_short(cut) == []
+
+
+@pytest.mark.parametrize("step", [True, False], ids=["step", "stop"])
+def test_a_fault_of_one_pass_that_is_repaired_is_no_scatter_of_the_repeats(step):
+    """50 µm in one of two passes: the survey was refused, as one that repeats to 17 µm."""
+    readings = Bench(seed=2, increments=6).survey((*DIAGONALS, *LINEAR), passes=(1, 3))
+    stop = np.array(readings.stop)
+    wrong = (
+        (np.array(readings.setup) == "ppn")
+        & (np.array(readings.pass_number) == 1)
+        & (stop >= 9 if step else stop == 9)
+    )
+    after = solve(replace(readings, reading_mm=readings.reading_mm + 0.05 * wrong))
+    serious = [each.key for each in after.findings if each.severity != "info"]
+    assert serious == ["count-step" if step else "stop-outlier"]
+    repeats_um = solve(readings).setups["ppn"].repeatability_um
+    assert after.setups["ppn"].repeatability_um == pytest.approx(repeats_um, rel=0.1)

@@ -122,6 +122,19 @@ def test_the_noise_of_one_setup_is_told_from_that_of_the_others():
         assert "ppp" not in low.text.partition(":")[0].split(", ")
 
 
+@pytest.mark.parametrize(("noise_um", "named"), [(0.8, False), (2.0, True)])
+def test_a_run_whose_scatter_an_ordinary_machine_explains_states_no_u_too_low(noise_um, named):
+    """Each reading of a run has a move of its own: 0.8 µm are vibration, or an axis that comes back
+    as ordinary ones do. The stated u of a run was blamed beside a slip that was repaired."""
+    for seed in range(2):
+        clean = Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=(1, 2))
+        shaking = np.array(clean.setup) == "linear-y"
+        noise = np.where(shaking, noise_um, 0.2)
+        found = found_in(drawn(clean, seed, misses_um=0.2, noise_um=noise, stated_um=0.2))
+        low = [each.text for each in scatter_findings(found) if each.code == "stated-u-low"]
+        assert [text.partition(":")[0] for text in low] == ["linear-y"] * named
+
+
 def test_an_uncertainty_that_is_stated_too_small_is_named_and_one_that_holds_is_not():
     clean = Bench(seed=1, increments=8, **QUIET).survey(FULL, passes=(1, 2))
     for stated_um, named in ((0.1, True), (0.5, False)):

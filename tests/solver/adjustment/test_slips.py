@@ -227,3 +227,15 @@ def test_a_large_slip_is_neither_noise_nor_another_diagonal(size_um):
     serious = [each for each in result.findings if each.severity != "info"]
     assert [(each.key, each.severity) for each in serious] == [("count-step", "warning")]
     assert serious[0].size_um == pytest.approx(size_um, abs=3.0)
+
+
+@pytest.mark.parametrize("setup", ["npp", "pnp"])
+def test_a_slip_of_2_mm_bends_no_reading_of_its_pass(setup):
+    """Half of it tilted the mirror by milliradians, whose square bent the readings by 5 µm: other
+    passes were named beside the right one, or too small a stated uncertainty."""
+    spoiled = slipped(Bench(seed=1).survey(), slip_at(setup, 14), 2000.0)
+    result = solve(spoiled)
+    serious = [each for each in result.findings if each.severity != "info"]
+    assert [(each.key, each.severity) for each in serious] == [("count-step", "warning")]
+    assert serious[0].size_um == pytest.approx(2000.0, abs=3.0)
+    assert result.setups[setup].tilt_mrad == pytest.approx(0.5, abs=0.05)
