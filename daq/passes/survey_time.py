@@ -5,8 +5,7 @@ set.
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
@@ -37,12 +36,9 @@ def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Findi
     stated = book.time_stated
     day = datetime.fromtimestamp(min(times), UTC).date()
     if stated is None:
-        yield finding("warning", message("clock-unset", day=str(day)))
+        yield warning("clock-unset", day=str(day))
         return
     moment = datetime.fromtimestamp(stated.begun_s, UTC).isoformat(timespec="minutes")
-    yield finding(
-        "info",
-        message(
-            "clock-unset.stated", day=str(day), time=moment, name=stated.name, reason=stated.reason
-        ),
+    yield info(
+        "clock-unset.stated", day=str(day), time=moment, name=stated.name, reason=stated.reason
     )

@@ -8,7 +8,7 @@ history and blocks nothing.
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 
-from stepdiag.base.findings import Finding, Severity, finding
+from stepdiag.base.findings import Finding, Severity, finding, warning
 from stepdiag.base.messages import Message, Place, message, where
 from stepdiag.daq.capture.conditions import CONDITIONS, COURSES
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
@@ -125,11 +125,8 @@ def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
     stops = sum(len(each.chosen()) for each in book.passes)
     for held in held_conditions(book, stated):
         u = message("with-unit", value=held.u, unit=COURSES[held.name].unit)
-        yield finding(
-            "warning",
-            message(
-                "conditions-held", name=CONDITIONS[held.name], stops=held.stops, count=stops, u=u
-            ),
+        yield warning(
+            "conditions-held", name=CONDITIONS[held.name], stops=held.stops, count=stops, u=u
         )
 
 
@@ -143,14 +140,11 @@ def assumed_findings(survey: Survey, stops: int, unmeasured: Iterable[Held]) -> 
             message("value", value=value, unit=unit),
             message("with-unit", value=one.u, unit=unit),
         )
-        yield finding(
-            "warning",
-            message(
-                "air-unknown.result",
-                name=CONDITIONS[one.name],
-                stops=one.stops,
-                count=stops,
-                stated=stated,
-                u=u,
-            ),
+        yield warning(
+            "air-unknown.result",
+            name=CONDITIONS[one.name],
+            stops=one.stops,
+            count=stops,
+            stated=stated,
+            u=u,
         )

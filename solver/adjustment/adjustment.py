@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
@@ -400,7 +400,7 @@ class _Task:
             "first": self.layout.setups[first].name,
             "second": self.layout.setups[second].name,
         }
-        self.findings.append(finding("error", message("step-mismatch.names", **names)))
+        self.findings.append(error("step-mismatch.names", **names))
         return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
@@ -415,9 +415,7 @@ class _Task:
                 for name in wrong
             }
             self.angles = {**self.angles, **turned}
-            self.findings += [
-                finding("error", message("angles-far.sign", name=name)) for name in wrong
-            ]
+            self.findings += [error("angles-far.sign", name=name) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
         # a function no larger than the expanded uncertainty of both its ends has no known sign
@@ -428,9 +426,7 @@ class _Task:
             > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)
         ]
         if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}):
-            self.findings += [
-                finding("info", message("straightness-unchecked.angles", names=unseen))
-            ]
+            self.findings += [info("straightness-unchecked.angles", names=unseen)]
         return current
 
     def _change_by_sign(self, name: str) -> Vector:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, finding, warning
 from stepdiag.base.messages import Place, message
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
@@ -329,12 +329,7 @@ def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     tilt = report.tilt_mrad or 0.0
     if tilt > TILT_LIMIT_MRAD:
         findings.append(
-            finding(
-                "warning",
-                message(
-                    "mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD
-                ),
-            )
+            warning("mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD)
         )
     drifts = [
         drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)
@@ -375,7 +370,7 @@ def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[F
     """
     repeats_um, times = scatter.repeatability_um, FAR_NOISE
     found = (
-        [finding("error", message("noise-high.machine", repeatability_um=repeats_um))]
+        [error("noise-high.machine", repeatability_um=repeats_um)]
         if repeats_um > REPEATS_UM
         else []
     )

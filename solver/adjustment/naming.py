@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, finding, warning
 from stepdiag.base.messages import Argument, Message, Place, message
 from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.result.field import PRODUCTS
@@ -35,24 +35,21 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
             ),
             among=among,
         )
-    return finding("warning", message("contradiction-ambiguous.stop", suspects=suspects))
+    return warning("contradiction-ambiguous.stop", suspects=suspects)
 
 
 def name_excess(count: int) -> Finding:
     """Return the finding for more contradictions than single wrong stops explain."""
-    return finding("error", message("too-many-outliers", count=count))
+    return error("too-many-outliers", count=count)
 
 
 def name_explained(layout: Layout, found: Explained) -> list[Finding]:
     """Return the finding on an explanation outside the model that is named."""
     products = [suspect(layout, found, at) for at in found.names if found.kinds[at] == PRODUCT]
     if products:
-        return [finding("warning", message("machine-beside-model", suspects=products))]
+        return [warning("machine-beside-model", suspects=products)]
     scales = [(layout.setups[found.named[at]].name, float(found.size[at])) for at in found.names]
-    return [
-        finding("warning", message("setup-scale-off", setup=name, scale_um_m=size))
-        for name, size in scales
-    ]
+    return [warning("setup-scale-off", setup=name, scale_um_m=size) for name, size in scales]
 
 
 def suspect(layout: Layout, found: Explained, at: int) -> Message:
@@ -98,7 +95,7 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
     setup = layout.setups[int(layout.setup_index[walks[0].named])].name
     about = _of_walk(layout, walks[0])
     if _driven_again(layout, walks[0].rows):
-        return finding("warning", message("pass-wanders.driven-again", setup=setup, **about))
+        return warning("pass-wanders.driven-again", setup=setup, **about)
     return finding("error", message("pass-wanders", setup=setup, **about), among=among)
 
 

@@ -19,8 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, warning
 from stepdiag.solver.fourdof.detector import Detector, Mask, Spots, spots
 from stepdiag.solver.fourdof.drift import slow_drift
 
@@ -279,10 +278,5 @@ def _remark(key: _Fault, mask: Mask, **about: str | float) -> list[Finding]:
     if not mask.any():
         return []
     return [
-        finding(
-            "warning",
-            message(
-                key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about
-            ),
-        )
+        warning(key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about)
     ]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, finding, info
 from stepdiag.base.messages import message
 from stepdiag.base.result.prediction import TAIL
 from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS, Function
@@ -78,7 +78,7 @@ def angle_findings(
     if size is None:
         return []
     if len(resolved) == len(found.shapes.names):
-        return [finding("info", message("angles-resolved", names=resolved))]
+        return [info("angles-resolved", names=resolved)]
     unknown = [name for name in found.shapes.names if name not in resolved]
     every = len(unknown) == len(ROTATIONS)
     words = message(
@@ -103,8 +103,4 @@ def _far(found: Adjustment, least_urad: float) -> list[Finding]:
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:
         return []
     setups = [setup.name for setup in found.layout.setups]
-    return [
-        finding(
-            "error", message("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual)
-        )
-    ]
+    return [error("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual)]

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.base.result.members import Closure, Fit, Length
 from stepdiag.base.result.result import (
     AXIS_LETTERS,
@@ -142,7 +141,7 @@ def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[flo
     if increments.shape[1] > 1:
         freedom = increments.size - len(increments)
         return float(np.sqrt(np.sum(increments**2) / freedom / 8.0)), []
-    return ASSUMED_U_UM, [finding("warning", message("noise-assumed", u_um=ASSUMED_U_UM))]
+    return ASSUMED_U_UM, [warning("noise-assumed", u_um=ASSUMED_U_UM)]
 
 
 def _used(layout: Layout) -> list[str]:
@@ -151,10 +150,10 @@ def _used(layout: Layout) -> list[str]:
 
 def _method_findings(method: str) -> list[Finding]:
     if method == "wang2000":
-        return [finding("warning", message("method-limited.printed"))]
-    return [finding("warning", message("unidentified.sum"))]
+        return [warning("method-limited.printed")]
+    return [warning("unidentified.sum")]
 
 
 def _unused(layout: Layout) -> list[Finding]:
     others = [setup.name for setup in layout.setups if setup.name not in _used(layout)]
-    return [finding("info", message("method-limited.runs", others=others))] if others else []
+    return [info("method-limited.runs", others=others)] if others else []

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.result.members import CoverageFactor
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
@@ -57,10 +56,5 @@ def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
     worst = max(report, key=lambda name: report[name].k)
     figures = report[worst]
     return [
-        finding(
-            "info",
-            message(
-                "coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom
-            ),
-        )
+        info("coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom)
     ]

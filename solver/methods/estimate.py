@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.result.members import Backlash, Backlashes, Fit, Length
 from stepdiag.base.result.result import (
@@ -435,7 +435,7 @@ def _missing(done: Estimate) -> list[Finding]:
         for names in (AXIS_LETTERS, SQUARENESS, DISPLACEMENTS)
     ]
     return [
-        finding("warning", message(key, names=names, advice=_advice(done, names)))
+        warning(key, names=names, advice=_advice(done, names))
         for key, names in zip(_UNIDENTIFIED, lacking, strict=True)
         if names
     ]
@@ -453,7 +453,7 @@ def _standing(done: Estimate) -> Finding:
     missing += [
         message("scale-of", axis=letter) for letter in AXIS_LETTERS if not done.known[letter]
     ]
-    return finding("info", message("unidentified.standing", axes=standing, names=missing))
+    return info("unidentified.standing", axes=standing, names=missing)
 
 
 def _advice(done: Estimate, missing: list[str]) -> Message:

@@ -13,8 +13,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.result.members import Difference, HeadStraightness
 from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.base.volume import Vector
@@ -328,12 +327,10 @@ def _misclosed(report: Mapping[str, HeadStraightness], bad: Sequence[str]) -> Fi
     worst = max(bad, key=lambda name: report[name].misclosure or 0.0)
     apart = report[worst].difference_um
     if apart is None:
-        return finding("error", message("straightness-misclosure", names=bad))
+        return error("straightness-misclosure", names=bad)
     apart_um = float(np.max(np.abs(apart.value)))
-    return finding(
-        "error", message("straightness-misclosure.by", names=bad, apart_um=apart_um, name=worst)
-    )
+    return error("straightness-misclosure.by", names=bad, apart_um=apart_um, name=worst)
 
 
 def _unchecked(hidden: Sequence[str]) -> Finding:
-    return finding("warning", message("straightness-unchecked", names=hidden))
+    return warning("straightness-unchecked", names=hidden)

@@ -15,7 +15,7 @@ import numpy as np
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.conditions.expansion import REFERENCE_TEMPERATURE_C
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info, warning
 from stepdiag.base.messages import message
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
@@ -74,35 +74,24 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
     count = len(temperature_c)
     if assumed.reduced_to_20_c and assumed.material_stated:
         return (
-            finding(
-                "warning",
-                message(
-                    "material-unmeasured.stated",
-                    count=missing,
-                    readings=count,
-                    u_c=assumed.u_material_c,
-                ),
+            warning(
+                "material-unmeasured.stated",
+                count=missing,
+                readings=count,
+                u_c=assumed.u_material_c,
             ),
         )
     if assumed.reduced_to_20_c:
         return (
-            finding(
-                "warning",
-                message(
-                    "material-unmeasured.assumed",
-                    count=missing,
-                    readings=count,
-                    u_c=assumed.u_material_c,
-                ),
+            warning(
+                "material-unmeasured.assumed",
+                count=missing,
+                readings=count,
+                u_c=assumed.u_material_c,
             ),
         )
     return (
-        finding(
-            "info",
-            message(
-                "material-unmeasured", count=missing, readings=count, expansions=expansions(assumed)
-            ),
-        ),
+        info("material-unmeasured", count=missing, readings=count, expansions=expansions(assumed)),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, finding, warning
 from stepdiag.base.messages import Message, message
 from stepdiag.base.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.base.readings.snapping import arrivals, edges_mm, snapped_mm
@@ -462,7 +462,7 @@ def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tu
         for key, stops in lacking.items()
         if len(stops)
     ]
-    return (finding("warning", message("stop-missing", lacking=named)),) if named else ()
+    return (warning("stop-missing", lacking=named),) if named else ()
 
 
 def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, warning
 from stepdiag.solver.linear.mixed import AnyFit
 
 ASSUMED_U_UM = 0.3
@@ -39,8 +38,4 @@ def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
 def assumed_noise(setups: Iterable[str]) -> tuple[Finding, ...]:
     """Return the finding for setups whose noise had to be assumed."""
     names = list(setups)
-    return (
-        (finding("warning", message("noise-assumed.of", setups=names, u_um=ASSUMED_U_UM)),)
-        if names
-        else ()
-    )
+    return (warning("noise-assumed.of", setups=names, u_um=ASSUMED_U_UM),) if names else ()

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.model.layout import Layout
@@ -72,15 +72,12 @@ def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
     if high - low < WORTH_SAYING_C:
         return ()
     return (
-        finding(
-            "info",
-            message(
-                "temperature-levelled",
-                low_c=low,
-                high_c=high,
-                mean_c=mean,
-                expansions=expansions(assumed),
-            ),
+        info(
+            "temperature-levelled",
+            low_c=low,
+            high_c=high,
+            mean_c=mean,
+            expansions=expansions(assumed),
         ),
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, finding, info
 from stepdiag.base.messages import message
 
 Vector = NDArray[np.float64]
@@ -225,9 +225,7 @@ def arrange_runs(
     if down.shape[1] == 0:
         return PositioningRuns(target_mm=targets, up_um=up), ()
     if not common_zero:
-        return PositioningRuns(target_mm=targets, up_um=up), (
-            finding("info", message("iso230-plan.zero")),
-        )
+        return PositioningRuns(target_mm=targets, up_um=up), (info("iso230-plan.zero"),)
     return PositioningRuns(target_mm=targets, up_um=up, down_um=down), ()
 
 

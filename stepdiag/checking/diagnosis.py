@@ -8,7 +8,7 @@ inspect something; a note that a check is not possible yet.
 from collections.abc import Iterator
 
 from stepdiag.base.conditions.air import HALL
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, finding, info, warning
 from stepdiag.base.messages import Message, message
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.base.setups import CODED_FROM
@@ -62,7 +62,7 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
     found += unchecked(seen.survey) if silent else assumed(seen.survey)
     found += () if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
     if seen.laser.samples:
-        found.append(finding("info", message("wrong-laser-sign.unseen")))
+        found.append(info("wrong-laser-sign.unseen"))
     return tuple(found)
 
 
@@ -85,10 +85,7 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
             yield _missing_condition(seen, name)
         elif not HALL[name][0] < value <= HALL[name][1]:
             low, high = HALL[name]
-            yield finding(
-                "warning",
-                message("conditions-held.no-hall", name=name, value=value, low=low, high=high),
-            )
+            yield warning("conditions-held.no-hall", name=name, value=value, low=low, high=high)
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
@@ -96,7 +93,7 @@ def _missing_condition(seen: Observation, name: str) -> Finding:
     if no reading depends on it.
     """
     if seen.survey.air_sensor is not None:
-        return finding("error", message("conditions-held.sensor-silent", name=name))
+        return error("conditions-held.sensor-silent", name=name)
     stated = getattr(seen.survey.environment, name)
     words = message("conditions-held.laser-silent", name=name, value=stated)
     return finding("error" if name in needed_conditions(seen.survey) else "warning", words)
@@ -113,28 +110,15 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     name, counts = STREAMS[stream.link.name], stream.counts
     if counts["garbage"] > GARBAGE_SHARE * stream.samples:
         why = stream.remarks["garbage"]
-        yield finding(
-            "warning",
-            message(
-                "bytes-garbled.some",
-                count=counts["garbage"],
-                of=stream.samples,
-                stream=name,
-                why=why,
-            ),
+        yield warning(
+            "bytes-garbled.some", count=counts["garbage"], of=stream.samples, stream=name, why=why
         )
     if counts["gap"]:
-        yield finding(
-            "warning",
-            message(
-                "samples-missing.times", stream=name, why=stream.remarks["gap"], count=counts["gap"]
-            ),
+        yield warning(
+            "samples-missing.times", stream=name, why=stream.remarks["gap"], count=counts["gap"]
         )
     if counts["restart"]:
-        yield finding(
-            "warning",
-            message("instrument-restart.supply", stream=name, why=stream.remarks["restart"]),
-        )
+        yield warning("instrument-restart.supply", stream=name, why=stream.remarks["restart"])
     if stream.refused == stream.samples:
         yield finding(
             "error", refused(name, stream.remarks.get("device", "")), code="instrument-reports"
@@ -163,14 +147,12 @@ def _light(stream: StreamSeen) -> Iterator[Finding]:
     name, flags = STREAMS[stream.link.name], stream.last_flags
     strength = "" if stream.beam is None else f" ({100 * stream.beam:.0f} %)"
     if flags & Flag.BEAM_LOST:
-        yield finding("warning", message("beam-lost.standing", stream=name, strength=strength))
+        yield warning("beam-lost.standing", stream=name, strength=strength)
     elif flags & Flag.WEAK_BEAM:
-        yield finding(
-            "warning", message("instrument-reports.weak-beam", stream=name, strength=strength)
-        )
+        yield warning("instrument-reports.weak-beam", stream=name, strength=strength)
     for flag, why in _FLAG_WORDS.items():
         if flags & flag and not (flags & Flag.BEAM_LOST and flag is Flag.HEAD_ERROR):
-            yield finding("warning", message("instrument-reports.unusable", stream=name, why=why))
+            yield warning("instrument-reports.unusable", stream=name, why=why)
 
 
 def _machine(
@@ -234,7 +216,7 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
     setup = machine.signals.setup
     if setup is not None and setup != 0 and setup not in SETUP_NUMBERS and setup <= CODED_FROM:
         known = [*map(str, SETUP_NUMBERS), f"{CODED_FROM} + k"]
-        yield finding("warning", message("signals-absent.setup-number", setup=setup, known=known))
+        yield warning("signals-absent.setup-number", setup=setup, known=known)
     for name, lost in WITHOUT.items():
         if name not in plc.signal_names and name not in air:
             yield finding("info", lost, code="signals-absent")
@@ -251,11 +233,9 @@ def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
     changes, heard_s = machine.changes["heartbeat"], machine.heard_s
     if changes == 0:
         where, value = plc.place("heartbeat"), machine.signals.heartbeat
-        yield finding(
-            "error", message("heartbeat-still.register", place=where, value=value, heard_s=heard_s)
-        )
+        yield error("heartbeat-still.register", place=where, value=value, heard_s=heard_s)
     elif changes < heard_s / HEARTBEAT_S / 2:
-        yield finding("warning", message("heartbeat-still.slow", count=changes, heard_s=heard_s))
+        yield warning("heartbeat-still.slow", count=changes, heard_s=heard_s)
 
 
 def _absent(link: LinkSeen, seconds: float) -> Finding:

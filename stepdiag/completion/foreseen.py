@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.findings import Finding, info
 from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.volume import MOST_INCREMENTS, in_step
 from stepdiag.daq.survey.assumed import assumptions_of
@@ -100,7 +99,7 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
     if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):
         return
     if hides := forecast(survey.planned, circumstances(survey)).ahead.hides():
-        yield finding("info", message("plan-hides.slip", hides=hides))
+        yield info("plan-hides.slip", hides=hides)
 
 
 def hidden_waves(survey: Survey) -> Iterator[Finding]:
@@ -130,9 +129,6 @@ def hidden_waves(survey: Survey) -> Iterator[Finding]:
         None,
     )
     if better is None:
-        yield finding("info", message("plan-hides.pitch", steps=hidden, pitch_mm=pitch_mm))
+        yield info("plan-hides.pitch", steps=hidden, pitch_mm=pitch_mm)
     else:
-        yield finding(
-            "info",
-            message("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better),
-        )
+        yield info("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better)

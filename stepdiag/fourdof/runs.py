@@ -9,7 +9,7 @@ from typing import Literal, cast
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, error, finding, warning
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
@@ -181,9 +181,7 @@ def _evaluate(
     )
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
-        dark = finding(
-            "error", message("fourdof-beam-blocked.dark", run=place, count=count, stops=len(stops))
-        )
+        dark = error("fourdof-beam-blocked.dark", run=place, count=count, stops=len(stops))
         return _PassSeen(straightness=(), turns={}, findings=(*findings, dark))
     shift_um = survey.uncertainty.source_shift_um
     own = _noise(found, channels, u_channels, distance, head, shift_um)
@@ -195,7 +193,7 @@ def _evaluate(
     return replace(
         seen,
         turns={},
-        findings=(*findings, finding("warning", message("fourdof-uncompensated.qd", run=place))),
+        findings=(*findings, warning("fourdof-uncompensated.qd", run=place)),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
+from stepdiag.base.findings import Finding, finding, info, warning
 from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.conditions import CONDITIONS, needed_conditions
@@ -46,17 +46,17 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
     """
     if survey.plc.silent:
         return (
-            finding("warning", message("no-signals", whys=list(_without_signals(survey)))),
+            warning("no-signals", whys=list(_without_signals(survey))),
             *assumed(survey, without),
         )
     texts = list(_without_position(survey)) if not places_known(survey) else []
     missing = [words for name, words in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
-    findings = [finding("warning", message("signals-absent.position", whys=texts))] if texts else []
+    findings = [warning("signals-absent.position", whys=texts)] if texts else []
     if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         text = message("signals-absent.setup")
         findings.append(finding("warning", text))
     if missing:
-        findings.append(finding("info", message("signals-absent", whys=missing)))
+        findings.append(info("signals-absent", whys=missing))
     return (*findings, *assumed(survey, without))
 
 

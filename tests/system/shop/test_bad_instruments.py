@@ -175,7 +175,7 @@ NETWORK = {
     "unknown": (None, "no such name", ""),
     "firewall": (None, "neither an answer nor a refusal", ""),
     "silence": (answers(lambda _: b""), "no byte for", ""),
-    "hangs up": (hangs_up, "expected a port that stays, found the port is gone", ""),
+    "hangs up": (hangs_up, "expected a port that stays open, found the port is gone", ""),
     "another product": (says(b"login: \r\n"), "makes sense", "6c 6f 67 69 6e"),
     "noise": (noise(), "makes sense", "it begins with"),
 }

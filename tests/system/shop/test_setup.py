@@ -163,7 +163,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         person.answers("Chain from workpiece", "")
         person.answers("compensation while measuring", "off")
         assert person.leaves() == 0, person.seen
-        assert "it is umd" in person.seen
+        assert "recognised: umd" in person.seen
         assert "siemens-828d: S7" not in person.seen, "a port speaks one protocol"
         assert "stop_count" in person.seen
         survey = load_survey(file)
