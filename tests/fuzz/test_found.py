@@ -122,7 +122,7 @@ def test_what_a_profile_names_is_a_file_and_no_pipe_that_never_speaks(tmp_path: 
     with pytest.raises(
         UsageError,
         match=r"^p\.toml: machine\.existing: expected a readable file pipe, found pipe, which is "
-        r"none$",
+        r"not valid$",
     ):
         load_profile(tmp_path / "p.toml", CONTROLLERS["neutral"], VOLUME)
 

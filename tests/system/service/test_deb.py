@@ -65,7 +65,7 @@ def readme_lines():
     install = re.search(r"`(apt install [^`]+)\+deb12_amd64\.deb`", text)[1] + f"+deb*_{HOST}.deb"
     section = text.partition("## Data from elsewhere")[2].partition("## ")[0]
     shell, python = (
-        re.findall(r"(?m)^    (.+)$", part) for part in section.split("The same from Python:")
+        re.findall(r"(?m)^    (.+)$", part) for part in section.split("The same steps in Python:")
     )
     assert all(line.startswith(".venv/bin/stepdiag ") for line in shell)
     return install, [line.removeprefix(".venv/bin/") for line in shell], "\n".join(python)

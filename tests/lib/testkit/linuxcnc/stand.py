@@ -5,10 +5,8 @@ compensation that the control applies is seen as the laser of a real machine wou
 register block comes from the control itself, by the product's own HAL component.
 """
 
-from bisect import bisect_right
 from collections import deque
 from dataclasses import replace
-from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -64,8 +62,6 @@ class MotorReadout:
         if self._setup is None:
             return np.zeros(len(time_s)), np.zeros(len(time_s), dtype=bool)
         path = list(self._path)
-        # the laser asks a hundred times a second for the last hundredth of the way
-        path = path[max(bisect_right(path, time_s[0], key=itemgetter(0)) - 1, 0) :]
         moments = np.array([moment for moment, _, _ in path])
         motor = np.stack(
             [
