@@ -126,7 +126,7 @@ def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
         tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)], dwell=6.0
     )
     assert "bytes-garbled" in codes_of(said)
-    assert not book.complete() or "may be off" in told
+    assert not book.complete() or "may be wrong" in told
     assert "drive again from stop" in told
 
 

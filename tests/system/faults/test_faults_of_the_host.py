@@ -193,4 +193,4 @@ def test_a_computer_that_stands_still(tmp_path, options, after_s):
     assert "laser-unwatched" in {each["code"] for each in said if each["event"] == "finding"}
     (only,) = book.passes
     assert only.whole, only.why_incomplete()
-    assert ("may be off" in told) is bool(only.why_doubtful())
+    assert ("may be wrong" in told) is bool(only.why_doubtful())

@@ -127,7 +127,7 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, wo
         ("ppp", 1, 2, code)
     ]
     assert not book.complete()
-    assert "may be off" in told
+    assert "may be wrong" in told
     assert "drive again from stop 2 on" in told
     doubted = book.passes[0].chosen()[2]
     assert doubted.u_um > LEAST_U_UM, "a reading that stands still is no better than its resolution"
@@ -322,7 +322,7 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
     # after it
     (doubt,) = book.doubts()
     assert (doubt.code, doubt.stop in (2, 3)) == ("reading-differs", True)
-    assert "stop 3 read +55.0 µm otherwise" in told
+    assert "the repeated reading of stop 3 differs by +55.0 µm" in told
     assert f"drive again from stop {doubt.stop - 1} on" in told
 
 

@@ -200,7 +200,7 @@ def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
         assert stepdiag("begin", place.survey, "ppp")[0] == 0
         place.bench.say("start")
         said = until(
-            process, "pass-ended", reason="diagonal X-Y-Z- to X+Y+Z+ (ppp) back: stop 7 has gone by"
+            process, "pass-ended", reason="diagonal X-Y-Z- to X+Y+Z+ (ppp) back: stop 7 is past"
         )
         assert not [
             each

@@ -70,7 +70,7 @@ def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cos
             until(
                 process,
                 "pass-ended",
-                reason="diagonal X-Y-Z+ to X+Y+Z- (ppn) out: stop 4 has gone by",
+                reason="diagonal X-Y-Z+ to X+Y+Z- (ppn) out: stop 4 is past",
             )
         book = nothing_silently_wrong(place)
         assert book.doubts()
