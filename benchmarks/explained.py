@@ -38,6 +38,8 @@ DIAGONALS, RUNS = ("ppp", "npp", "pnp", "ppn"), ("linear-x", "linear-y", "linear
 ALL = (*DIAGONALS, *RUNS)
 NOISE_UM, REPEATABILITY_UM, TILT_MRAD = 0.2, 0.3, 0.5
 POINTS = 400
+PLACE = 13
+"""Stop of npp at which the machine has an error that no function describes."""
 CAUSES = frozenset(
     (
         "setup-scale-off",
@@ -46,6 +48,7 @@ CAUSES = frozenset(
         "pass-wanders",
         "pass-wanders.driven-again",
         "machine-beside-model",
+        "machine-beside-model.place",
         "stated-u-low",
         "drift-large.growth",
         "step-mismatch.names",
@@ -154,6 +157,24 @@ def _stop(setup: str, size_um: float) -> Extra:
         * (np.arange(len(at)) == rng.integers(3, len(at) - 3))
         * (name == setup and number == 1)
     )
+
+
+def _there(size_um: float, *, step: bool) -> Extra:
+    """Return an error at one stop of npp, or from it on, the same in each drive."""
+
+    def extra(
+        name: str,
+        _number: int,
+        at: Array,
+        _direction: Array,
+        _time: Array,
+        _rng: np.random.Generator,
+    ) -> Array:
+        stop = np.arange(len(at))
+        there = (stop >= PLACE) if step else (stop == PLACE)
+        return _exact(size_um * there * (name.partition("+")[0] == "npp"))
+
+    return extra
 
 
 def _wander(setup: str, size_um: float) -> Extra:
@@ -399,6 +420,18 @@ ROWS = (
     ),
     Row(name="stop 5 um off in ppn", extra=_stop("ppn", 5.0), named=frozenset(("stop-outlier",))),
     Row(name="stop 20 um off in ppn", extra=_stop("ppn", 20.0), named=frozenset(("stop-outlier",))),
+    *(
+        Row(
+            name=f"npp driven twice, {what} in both",
+            setups=(*ALL, "npp+1"),
+            extra=_there(size_um, step=step),
+            named=frozenset(("machine-beside-model.place",)),
+        )
+        for what, size_um, step in (
+            ("a stop 10 um off", 10.0, False),
+            ("a step of 8 um", 8.0, True),
+        )
+    ),
     Row(name="ppp wanders 5 um", extra=_wander("ppp", 5.0), named=frozenset(("pass-wanders",))),
 )
 

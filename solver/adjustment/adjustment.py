@@ -14,7 +14,7 @@ from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, counts
-from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT, STEP
+from stepdiag.solver.adjustment.evidence import ODDS, PLACE, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import (
     Explained,
@@ -343,7 +343,7 @@ class _Task:
         """
         current = self._fit_with_tilts()
         worst = self._worst(current)
-        if worst is None or not worst.decided or worst.best.kind != STEP:
+        if worst is None or not worst.decided or worst.best.kind not in (STEP, PLACE):
             return self._find_scatter(current, robust=True)
         self.effects.append(trial_of(self.layout, worst))
         current = self._find_scatter(self._fit_with_tilts(), robust=True)

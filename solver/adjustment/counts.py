@@ -26,7 +26,9 @@ its number of steps.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Count:
     """An unbroken count: its used ``rows`` (k,) in the order of time, and the residues of patterns
-    on it after a fit without causes.
+    on it after a fit without causes. ``way`` is the travel of its setup, which a setup that is
+    driven again has in common with it; ``place`` (k,) numbers the targets, ``along_mm`` (k,) is the
+    distance of each reading along the travel.
 
     ``stop`` (k,) and ``step`` (k,) are h' W R h of a single reading and of all readings from one
     on; ``walk`` (k, r) are the largest components of a random walk of 1 um a step, ``walked`` (r,
@@ -34,6 +36,9 @@ class Count:
     """
 
     rows: NDArray[np.int64]
+    way: str
+    place: NDArray[np.int64]
+    along_mm: Vector
     stop: Vector
     step: Vector
     walk: Vector
@@ -45,8 +50,11 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
     kinds of setups, if any.
     """
     known = _Known(fixed)
+    place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     return [
-        _count(known, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS
+        _count(known, layout, place, rows)
+        for rows in _unbroken(fixed, layout, kinds)
+        if len(rows) > LEAST_ROWS
     ]
 
 
@@ -67,7 +75,9 @@ def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list
     ]
 
 
-def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
+def _count(
+    known: "_Known", layout: Layout, place: NDArray[np.int64], rows: NDArray[np.int64]
+) -> Count:
     """Return a count from W - W A C A' W among its rows: the residue of their readings after a fit
     without causes.
     """
@@ -79,6 +89,9 @@ def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
     weighted = weight[:, None] * walk
     return Count(
         rows=rows,
+        way=layout.setups[layout.setup_index[rows[0]]].base,
+        place=place[rows],
+        along_mm=np.sum(layout.position_mm[rows] * layout.direction[rows], axis=1),
         stop=weight - own,
         step=from_each_on(weight - own - 2.0 * common),
         walk=walk,

@@ -2,9 +2,10 @@
 
 The model. Readings are normal given the sizes of all causes, ``y = A x + B a + e``
 (`solver.model.design`, `solver.model.effects`). An explanation is a further pattern h: a stop, a
-step of the count, the scale of a setup, a product of two axes in a component of the machine's
-errors (and y^2 z in Z, a ram that sags). Its residue in the fit decides everything (Baarda 1968; V
-is the covariance of the readings with all causes in it, R removes the unknowns x):
+step of the count, either of them in each drive of a setup, the scale of a setup, a product of two
+axes in a component of the machine's errors (and y^2 z in Z, a ram that sags). Its residue in the
+fit decides everything (Baarda 1968; V is the covariance of the readings with all causes in it, R
+removes the unknowns x):
 
     shown = h' V^-1 R y
     seen = h' V^-1 R h
@@ -50,9 +51,10 @@ from stepdiag.solver.linear.mixed import MixedFit
 
 ODDS = 20.0
 """Twenty to one is strong evidence (Kass and Raftery 1995)."""
-STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
+STOP, STEP, PLACE, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "stop",
     "step",
+    "place",
     "walk",
     "scale",
     "product",
@@ -64,14 +66,14 @@ PRIOR = {
     GROWN: 0.5,
     **dict.fromkeys((STOP, STEP), 0.3),
     SCALE: 0.2,
-    **dict.fromkeys((PRODUCT, WALK, TURNED), 0.1),
+    **dict.fromkeys((PRODUCT, PLACE, WALK, TURNED), 0.1),
 }
 """Prior probability that a survey has an explanation of a kind. Every second survey begins on a
 cold machine. Shops repeat a pass in one survey of three. In one survey of five a setup has a
 wavelength, an air or a target of its own. Rarer are a machine with products as large as its
-functions, a pass that wanders and a head with the other sign. Of 120 surveys with a setup 0 to 40
-um/m off, 17 left more than was promised with 0.1 for a scale, 10 with 0.2 and 5 with 0.3, which
-calls a machine that warms ambiguous.
+functions, a place where it leaves them, a pass that wanders and a head with the other sign. Of
+120 surveys with a setup 0 to 40 um/m off, 17 left more than was promised with 0.1 for a scale,
+10 with 0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
 """In one survey of a hundred two names are exchanged: a setup is twenty times as often of another

@@ -44,6 +44,7 @@ from stepdiag.solver.adjustment.evidence import (
     GROWN,
     HIDDEN,
     ODDS,
+    PLACE,
     PRODUCT,
     SCALE,
     STEP,
@@ -156,7 +157,7 @@ def explained(
         kind: [
             one.weighed(fit, number_of(single, kind)).log_odds for one in single if one.kind == kind
         ]
-        for kind in (STOP, STEP)
+        for kind in (STOP, STEP, PLACE)
     }
     of_faults[WALK] = [np.array([one.odds for one in wandering])]
     odds = {family.kind: [one.log_odds] for family, one in zip(beside, weighed, strict=True)}
@@ -226,8 +227,10 @@ def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
     """
     best = max(float(np.max(odds)), 0.0)
     weight, none = np.exp(odds - best), float(np.exp(-best))
-    own = kinds[:, None] == kinds
-    of_kind, most = own @ weight, np.max(np.where(own, weight, 0.0), axis=1)
+    kind = np.unique(kinds, return_inverse=True)[1]
+    most = np.zeros(len(kinds))
+    np.maximum.at(most, kind, weight)
+    of_kind, most = np.bincount(kind, weight)[kind], most[kind]
     least = max(float(np.max(of_kind)), none) / ODDS
     kept = np.where((of_kind > least) & (weight * ODDS > most), weight, 0.0)
     found: Vector = kept / (np.sum(kept) + (none if none > least else 0.0))

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Words
 from stepdiag.base.volume import Vector, Volume
-from stepdiag.solver.adjustment.counts import Count, from_each_on, steps_of
+from stepdiag.solver.adjustment.counts import LEAST_ROWS, Count, from_each_on, steps_of
 from stepdiag.solver.adjustment.evidence import (
     DECIMALS,
     ODDS,
+    PLACE,
     STEP,
     STOP,
     WALK,
@@ -38,7 +39,7 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
-EFFECTS = {STEP: "found step", WALK: "wandering pass"}
+EFFECTS = {STEP: "found step", PLACE: "place of the machine", WALK: "wandering pass"}
 """Effects of the adjustment by which a fault is left open."""
 TRIAL = "suspicion"
 """Effect of a fault that is being weighed."""
@@ -55,8 +56,8 @@ FREE_UM = 1e3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fault:
-    """A stop, a step or a walk: its ``pattern`` (k, r) on ``rows`` (k,), its size, and the reading
-    by which it is named.
+    """A stop, a step, a place of the machine or a walk: its ``pattern`` (k, r) on ``rows`` (k,),
+    its size, and the reading by which it is named.
 
     ``odds``: logarithm of its odds against no fault, including ``prior``, the part before any
     reading, and ``smoother``, the part of the machine's smoothness. ``without`` (count,): the
@@ -125,9 +126,12 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> 
 
 
 def families(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
-    """Return the wrong stops and the steps on ``every`` count of the used readings."""
+    """Return the wrong stops and the steps on ``every`` count of the used readings, and those of
+    the machine: the same in each drive of a way.
+    """
     for count in every:
         yield from _on_count(fit, count)
+    yield from _in_each_drive(fit, every)
 
 
 def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
@@ -157,6 +161,62 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
     )
 
 
+def _in_each_drive(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
+    """Return the machine's stops and steps on the ways that were driven more than once; the best
+    `MOST_WEIGHED` by their residues are seen.
+
+    Two drives that contradict all others alike do not contradict each other: no fault of a reading
+    or of a count repeats at its place.
+    """
+    found = [
+        family
+        for way in dict.fromkeys(count.way for count in every)
+        for family in _on_way(fit, [count for count in every if count.way == way])
+    ]
+    if not found:
+        return
+    square = [family.shown**2 / family.seen for family in found]
+    most = np.sort(np.concatenate(square))[-MOST_WEIGHED:][0]
+    weighed = [np.flatnonzero(one >= most) for one in square]
+    on_all = np.zeros((len(fit.weight), sum(len(places) for places in weighed)))
+    edges = np.cumsum([0, *(len(places) for places in weighed)])
+    for family, places, first in zip(found, weighed, edges.tolist(), strict=False):
+        on_all[family.rows, first : first + len(places)] = family.pattern(places)
+    rows = np.flatnonzero(np.any(on_all, axis=1))
+    seen = np.diag(response_of(fit, rows, on_all[rows]).seen)
+    for family, places, first in zip(found, weighed, edges.tolist(), strict=False):
+        part = np.zeros(len(family.named))
+        part[places] = seen[first : first + len(places)]
+        yield replace(family, seen=visible(part, family.seen))
+
+
+def _on_way(fit: MixedFit, driven: Sequence[Count]) -> Iterator[Family]:
+    """Return the stops and steps at the targets that the drives of a way reach more than once, seen
+    as without any unknowns.
+    """
+    rows, place, along_mm = (
+        np.concatenate([getattr(count, name) for count in driven])
+        for name in ("rows", "place", "along_mm")
+    )
+    first, times = np.unique(place, return_index=True, return_counts=True)[1:]
+    again = first[times > 1][np.argsort(along_mm[first[times > 1]])]
+    if len(again) <= LEAST_ROWS:
+        return
+    # a step before the second target or the last is a wrong first or last one
+    inner = again[2:-1]
+    pattern = np.column_stack(
+        [place[:, None] == place[again], along_mm[:, None] >= along_mm[inner]]
+    ).astype(np.float64)
+    yield Family(
+        kind=PLACE,
+        rows=rows,
+        named=rows[np.concatenate([again, inner])],
+        shown=pattern.T @ (fit.weight[rows] * fit.residual[rows]),
+        seen=pattern.T @ fit.weight[rows],
+        pattern=lambda places: pattern[:, places],
+    )
+
+
 def most_odds(fit: MixedFit, every: Sequence[Count]) -> float:
     """Return the log-odds, against no fault, of the best stop, step or walk on ``every`` count of
     the readings, by the readings alone; minus infinity without counts.
@@ -177,7 +237,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
     the machine's smoothness.
     """
     all_of, ranked = list(families(fit, every)), []
-    prior = {kind: log_prior(kind, number_of(all_of, kind)) for kind in (STOP, STEP)}
+    prior = {kind: log_prior(kind, number_of(all_of, kind)) for kind in (STOP, STEP, PLACE)}
     for family in all_of:
         odds, size = family.weighed(fit, number_of(all_of, family.kind)).log_odds, family.size
         places = np.flatnonzero((odds > -np.log(ODDS)) & (np.abs(size) >= LEAST_UM))
@@ -272,10 +332,10 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
 
 
 def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effect]:
-    """Return the effects that the adjustment leaves open from now on: a decided step completely, a
-    possible step and a walk by its size.
+    """Return the effects that the adjustment leaves open from now on: a decided step or place of
+    the machine completely, a possible one and a walk by its size.
     """
-    free = suspicion.decided and suspicion.best.kind == STEP
+    free = suspicion.decided and suspicion.best.kind in (STEP, PLACE)
     return [
         Effect(
             name=EFFECTS[one.kind],

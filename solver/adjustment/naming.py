@@ -9,7 +9,7 @@ from stepdiag.base.findings import Finding, error, finding, warning
 from stepdiag.base.messages import Argument, Message, Place, message
 from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.result.field import PRODUCTS
-from stepdiag.solver.adjustment.evidence import PRODUCT, STOP, WALK
+from stepdiag.solver.adjustment.evidence import PLACE, PRODUCT, STOP, WALK
 from stepdiag.solver.adjustment.explanations import Explained
 from stepdiag.solver.adjustment.faults import LEAST_UM, Fault, Suspicion
 from stepdiag.solver.model.layout import Layout
@@ -62,7 +62,11 @@ def suspect(layout: Layout, found: Explained, at: int) -> Message:
 
 def _name_decided(layout: Layout, one: Fault) -> Finding:
     key = layout.passes[int(layout.pass_index[one.named])]
-    place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
+    stop = int(layout.stop[one.named])
+    place = Place(setup=key.setup, pass_number=key.number, stop=stop)
+    if one.kind == PLACE:
+        words = message("machine-beside-model.place", setup=key.setup, stop=stop, size_um=one.size)
+        return finding("warning", words, Place(setup=key.setup), size_um=one.size)
     words = message(
         "stop-outlier" if one.kind == STOP else "count-step",
         place=layout.place(one.named),
@@ -74,6 +78,11 @@ def _name_decided(layout: Layout, one: Fault) -> Finding:
 def _suspect(layout: Layout, one: Fault) -> Message:
     if one.kind == WALK:
         return message("suspect-pass", **_of_walk(layout, one))
+    if one.kind == PLACE:
+        setup = layout.setups[int(layout.setup_index[one.named])].name
+        return message(
+            "suspect-place", setup=setup, stop=int(layout.stop[one.named]), size_um=one.size
+        )
     return message(
         "suspect-stop" if one.kind == STOP else "suspect-step",
         place=layout.place(one.named),
@@ -100,8 +109,10 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
 
 
 def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
-    """Return the passes concerned by faults: for a walk all passes on its count."""
-    rows = np.concatenate([one.rows if one.kind == WALK else [one.named] for one in every])
+    """Return the passes concerned by faults: for a walk all passes on its count, for a place of the
+    machine all drives of the setup.
+    """
+    rows = np.concatenate([one.rows if one.kind in (WALK, PLACE) else [one.named] for one in every])
     named = {layout.passes[int(number)] for number in layout.pass_index[rows]}
     return tuple(key.place for key in layout.passes if key in named)
 
