@@ -37,7 +37,7 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
     expected = {}
     for name in shapes.names:
         own = shapes.causes_of(name)
-        at_nodes = np.zeros((len(share), len(found.fit.size)))
+        at_nodes = np.zeros((len(share), len(spread.fit.size)))
         at_nodes[:, first + own] = shapes.range_of(name) * shapes.at(share)
         none = Rows(
             np.zeros((len(share), 1), dtype=np.int64),
@@ -47,7 +47,7 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
         moved = spread.moved(none, at_nodes)
         expected[name] = Function(
             position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[2])),
-            value=at_nodes @ found.fit.amount,
+            value=at_nodes @ spread.fit.amount,
             u=deviation(spread.variance(moved)),
             unit="urad",
             u_readings=deviation(spread.variance_by_readings(moved)),

@@ -165,13 +165,30 @@ def usual_rows(
 def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedFit:
     """Return the fit with further rows whose target is zero."""
     fixed = mixed.fixed
-    target = np.concatenate([fixed.target, np.zeros(len(rows))])
-    weight = np.concatenate([np.minimum(fixed.weight, 1.0 / FINEST_UM**2), 1.0 / u**2])
-    again = fit(fixed.rows.followed_by(rows), design.blocks, target, weight)
-    pattern = np.vstack(
-        [mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))]
+    seen = replace(fixed, weight=np.minimum(fixed.weight, 1.0 / FINEST_UM**2))
+    return with_rows(replace(mixed, fixed=seen), design, rows, u, np.zeros((len(rows), 0)))
+
+
+def with_rows(mixed: MixedFit, design: Design, rows: Rows, u: Vector, pattern: Vector) -> MixedFit:
+    """Return the fit with further rows whose target is zero, and the effect of further causes on
+    them: ``pattern`` (rows, k), each of size one.
+    """
+    fixed, before = mixed.fixed, mixed.causes.pattern
+    again = fit(
+        fixed.rows.followed_by(rows),
+        design.blocks,
+        np.concatenate([fixed.target, np.zeros(len(rows))]),
+        np.concatenate([fixed.weight, 1.0 / u**2]),
     )
-    return MixedFit(again, Causes.of(again, pattern), mixed.size)
+    every = np.block(
+        [
+            [before, np.zeros((len(before), pattern.shape[1]))],
+            [np.zeros((len(rows), before.shape[1])), pattern],
+        ]
+    )
+    return MixedFit(
+        again, Causes.of(again, every), np.append(mixed.size, np.ones(pattern.shape[1]))
+    )
 
 
 def covariance(spread: Spread, machine: Machine) -> Vector:

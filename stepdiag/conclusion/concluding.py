@@ -30,7 +30,7 @@ AIR = {
 """Conditions of the air in letters and units that all languages share."""
 KNOBS = {
     BETWEEN_TARGETS: "between",
-    READINGS: "readings",
+    **dict.fromkeys((READINGS, "bends"), "readings"),
     NOT_MEASURED: "unmeasured",
     **dict.fromkeys(("angles", "short waves of angles"), "angles"),
     **dict.fromkeys(
