@@ -13,10 +13,15 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
-from stepdiag.solver.adjustment.counts import counts
+from stepdiag.solver.adjustment.counts import Count, counts
 from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
-from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
+from stepdiag.solver.adjustment.explanations import (
+    Explained,
+    effects_beside,
+    explained,
+    most_odds_beside,
+)
 from stepdiag.solver.adjustment.faults import (
     EFFECTS,
     TRIAL,
@@ -200,7 +205,8 @@ def _as_usual(
     factor = np.where(
         kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor))
     )
-    factor[[effect.name in (ONE_SCALE, ONE_WALK, BESIDE) for effect in effects]] = 0.0
+    beside = {ONE_SCALE, ONE_WALK, BESIDE}.difference(found)
+    factor[[effect.name in beside for effect in effects]] = 0.0
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
 
@@ -593,12 +599,20 @@ class _Task:
         for further contradictions uses the sizes found.
         """
         every = counts(current.fixed, self.layout)
-        usual = most_suspicious(
-            _as_usual(current, self.effects, self.sizes), self.design.columns, every
-        )
+        as_usual = _as_usual(current, self.effects, self.sizes)
+        usual = self._worst_in(as_usual, every)
         if usual is not None and self._explains(usual, current):
             return usual
-        return most_suspicious(current, self.design.columns, every)
+        return self._worst_in(current, every)
+
+    def _worst_in(self, fit: MixedFit, every: Sequence[Count]) -> Suspicion | None:
+        """Return the worst contradiction in a fit, None where a product or a scale explains it
+        nearly as well: these are weighed after the search (`solver.adjustment.explanations`).
+        """
+        found = most_suspicious(fit, self.design.columns, every)
+        if found and found.best.odds <= most_odds_beside(fit, self.layout) + np.log(ODDS):
+            return None
+        return found
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
         """Return whether the readings are likelier with the suspicion than without it, each with

@@ -20,7 +20,7 @@ from stepdiag.solver.adjustment.evidence import HIDDEN, response_of
 from stepdiag.solver.adjustment.explanations import along_the_way_m
 from stepdiag.solver.adjustment.scatter import FIRST, Scatter, separated
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
+from stepdiag.solver.model.effects import BESIDE, GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
@@ -200,9 +200,12 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     Angles and growth have their size by the readings, angles at least the assumed size: the closure
     does not show slopes of pitch and yaw. Drift and the scales of setups have a plausible size
     (`solver.adjustment.adjustment.PLAUSIBLE`): this single length could enlarge them to its own
-    size, and would then contradict nothing.
+    size, and would then contradict nothing. Products of a named machine keep their size: a length
+    that they explain blames no setup.
     """
-    layout, fit = found.layout, found.plausible(*TURNING, GROWTH)
+    layout = found.layout
+    machine = (BESIDE,) if found.explained.machine_named else ()
+    fit = found.plausible(*TURNING, GROWTH, *machine)
     used = np.flatnonzero(np.isfinite(found.u_um))
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():

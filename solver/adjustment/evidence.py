@@ -28,9 +28,10 @@ of the kind (`PRIOR`), divided among the explanations of the kind:
     p_k = odds_k / (1 + sum of all odds)
 
 The limit `ODDS` = 20 decides in each case. If the best stop, step or pass has twenty times the odds
-of no fault, it is named if it also has twenty times the odds of every other, and is left out
-(`solver.adjustment.faults`); then the search is repeated. The explanations that remain probable
-after the repair form the mixture of the result (`solver.adjustment.explanations`).
+of no fault, of every scale and of every product, it is named if it also has twenty times the odds
+of every other, and is left out (`solver.adjustment.faults`); then the search is repeated. The
+explanations that remain probable after the repair form the mixture of the result
+(`solver.adjustment.explanations`).
 
 The cost is products of the patterns with the existing inverse, and no further fit for a rejected
 explanation.

@@ -104,12 +104,17 @@ class Explained:
         return float(np.sum(self.share)) + self.growth > 0.5 and not (self.names or self.grows)
 
     @property
+    def machine_named(self) -> bool:
+        """Return whether the products together outweigh every other explanation."""
+        return _outweighs(self.of_kind(PRODUCT))
+
+    @property
     def names(self) -> list[int]:
         """Return the indices of the named explanations: a setup, or the products that remain
         probable.
         """
         products, scales = self.probable(PRODUCT), self.probable(SCALE)
-        if _outweighs(self.of_kind(PRODUCT)):
+        if self.machine_named:
             return products
         return scales[:1] if scales and _outweighs(float(self.share[scales[0]])) else []
 
@@ -180,6 +185,14 @@ def explained(
         nothing=1.0 - float(np.sum(share)),
         walk_um=np.hstack([np.zeros((len(layout), 0)), *opened]),
     )
+
+
+def most_odds_beside(fit: MixedFit, layout: Layout) -> float:
+    """Return the log-odds, against no fault, of the best scale or product, by the readings alone;
+    minus infinity without either.
+    """
+    weighed = [one.weighed(fit, len(one.named)).log_odds for one in _families(fit, layout)]
+    return float(np.max(np.concatenate([*weighed, [-np.inf]])))
 
 
 def effects_beside(layout: Layout, found: Explained) -> list[Effect]:

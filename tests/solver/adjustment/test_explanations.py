@@ -98,6 +98,36 @@ def test_a_machine_beside_the_model_is_named_or_in_the_mixture(product, size_um)
         assert sizes[product] == pytest.approx(size_um, abs=0.4 * abs(size_um))
 
 
+@pytest.mark.parametrize("seed", [20, 23])
+def test_the_same_contradiction_in_setups_driven_again_is_the_machine(seed):
+    """The survey was refused with a pass that wanders: a walk of one pass explains a part of what
+    both drives of each diagonal show."""
+    readings = Bench(seed=seed).survey((*DIAGONALS, *LINEAR, *(f"{one}+1" for one in DIAGONALS)))
+    readings = readings.select(np.concatenate(list(readings.passes().values())))
+    column = 40.0 * products_um(lay_out(readings))[:, list(PRODUCTS).index("X(xy)")]
+    found = solve(replace(readings, reading_mm=readings.reading_mm + 1e-3 * column))
+    (named,) = [each for each in found.findings if each.severity != "info"]
+    assert named.key == "machine-beside-model"
+    assert "X(xy)" in named.text
+
+
+def test_a_slip_taken_off_and_a_machine_beside_the_model_are_both_in_the_uncertainty():
+    """Each cause alone increases U of squareness; both together increase it as much as the larger
+    one."""
+    readings = Bench(seed=20).survey()
+    product_um = 25.0 * products_um(lay_out(readings))[:, list(PRODUCTS).index("X(xy)")]
+    late = (np.array(readings.setup) == "pnp") & (np.array(readings.stop) >= 14)
+    clean, slipped, beside, both = (
+        solve(replace(readings, reading_mm=readings.reading_mm + 1e-3 * off_um))
+        for off_um in (0.0 * product_um, 20.0 * late, product_um, product_um + 20.0 * late)
+    )
+    assert "count-step" in {each.key for each in both.findings}
+    for name, without in clean.squareness.items():
+        alone = [result.squareness[name].u for result in (slipped, beside)]
+        assert min(alone) > 1.01 * without.u
+        assert both.squareness[name].u > 0.97 * max(alone)
+
+
 def test_one_setup_driven_three_times_with_another_scale_is_named_alone():
     """With the diagonals driven again one length is compared more than once, and one explanation is
     left."""
