@@ -104,8 +104,9 @@ class Judged:
 
 
 def is_sensed(survey: Survey) -> bool:
-    """Return whether the laser or a sensor sends air and material: without them `with_air` has
-    nothing to do."""
+    """Return whether the laser or a sensor sends air and material; otherwise `with_air` changes
+    nothing.
+    """
     return survey.environment.source == "laser" or bool(promised(survey))
 
 

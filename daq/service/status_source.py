@@ -164,7 +164,7 @@ class DaemonStatusSource:
         )
 
     def figures(self) -> Figures:
-        """Return the daemon's present counts and measures of its own work."""
+        """Return the daemon's counters and the measures of its load."""
         working = self._at_work
         names = ("laser", "machine", "head", "air")
         health, session = working.recorder.health, working.session

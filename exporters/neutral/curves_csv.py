@@ -2,8 +2,8 @@
 coordinates.
 
 The only form without a control's law: the numbers are ``e = actual - commanded`` relative to the
-reference position. Read back, they are applied as an error; a person who types them into a control
-must ensure this effect.
+reference position. When read back, the curves count as the error; a person who types them into a
+control must choose the sign so that the control subtracts them.
 """
 
 from collections.abc import Sequence

@@ -2,11 +2,11 @@
 
 Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
 output axis (p. 245), and ``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by
-which table t is multiplied (p. 249). In the example of p. 252 a tilt along X1, times a straight
-line along Z1, is the only cause of X1's movement: so two linked tables give their product and no
-movement of their own. The manual does not state this explicitly. So both tables have similar
-values, a tenth of a millimetre, instead of an error and a factor of one. On a control that adds the
-tables themselves, the sign test moves the axis by this amount and reports it, without damage.
+which table t is multiplied (p. 249). In the example of p. 252 X1 moves only by the product of a
+tilt along X1 and a straight line along Z1: two linked tables apply their product, and neither table
+acts alone. The manual does not state this explicitly. So both tables have similar values, a tenth
+of a millimetre, instead of an error and a factor of one. On a control that adds the tables
+themselves, the sign test moves the axis by this amount and reports it, without damage.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

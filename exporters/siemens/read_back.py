@@ -129,7 +129,7 @@ def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
 
 
 def held_switches(files: Sequence[ControlFile]) -> dict[str, str]:
-    """Return what files hold of switches and weights, TRUE and FALSE as 1 and 0.
+    """Return the switches and weights in files, TRUE and FALSE as 1 and 0.
 
     Raises ``DataError`` with its name for a switch or weight that is neither one of these nor a
     number.

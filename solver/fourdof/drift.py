@@ -79,8 +79,8 @@ def slow_drift(
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of the fast residual that also moves the spot, so that it is no noise, and
-    the uncertainty of this part, shapes (N,).
+    """Return the part of the fast residual that is real motion of the spot, not noise, and the
+    uncertainty of this part, shapes (N,).
 
     If a part g of the rest belongs to the beam, the bends of the spot are g times the lever times
     the bends of the rest: a regression gives g.

@@ -33,9 +33,7 @@ _NOTHING, _EXPLAINED = 1e-12, 1e-6
 leave: below it only rounding is left.
 """
 _MUCH_SMALLER = 0.5
-"""Share of the degrees of freedom below which a square sum is unusual: those of good surveys lie
-above it.
-"""
+"""Smallest usual square sum as a share of the degrees of freedom; good surveys lie above it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -319,8 +319,8 @@ def _drift_entries(
 
 
 def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return three entries a row, none without misses: an axis stands beside its target by the miss
-    of its last move.
+    """Return three entries a row, one for the miss of each axis' last move; no entries where the
+    model has no misses.
     """
     if columns.count == columns.miss:
         return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))

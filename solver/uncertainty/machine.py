@@ -259,8 +259,8 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Return whether any of them is more than rounding: each processor rounds differently, and
-    every kept name uses random numbers of its own.
+    """Return whether any value exceeds rounding: rounding differs between processors, and every
+    kept name consumes random numbers.
     """
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
@@ -277,8 +277,8 @@ def _by_name(
 
 
 def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
-    """Return rows of values (r, k) of a function at all nodes of the modes, zero by its definition;
-    of a squareness (r, 1).
+    """Return rows of values (r, k) of a function at all nodes of the modes, with the zeros that its
+    definition sets; for a squareness the rows (r, 1) unchanged.
     """
     if name[0] != "E":
         return values

@@ -31,7 +31,8 @@ _LONG_NAME = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEE
 """A name of too many parts: time and memory of the TOML reader grow with the square of their number
 (32 kB of one name: 1 GB), so a limit of the file's size that admits survey files is not sufficient.
 A comment or a text that looks like such a name is refused as well. No name begins after a
-backslash; a search there would take a time with the square of the number of escaped quotes.
+backslash. A search there would take a time that grows with the square of the number of escaped
+quotes.
 """
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),

@@ -49,12 +49,14 @@ EXPLAINED = HELD | {
     "count-slip",
     "beam-lost",
 }
-"""Findings that wait after a cause is named: a reading of the logs by the corrected file raises the
-findings that remain.
+"""Findings not raised after a cause is named: those that remain are raised when the logs are read
+with the corrected file.
 """
 
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
-"""Lines that spoil the windows of every pass, even of a pass whose steps fit the file."""
+"""Lines of the survey file that, if wrong, shift the windows of readings in every pass, also in a
+pass whose steps fit the file.
+"""
 
 Code = Literal[
     "unexpected-position.cause",
@@ -97,7 +99,8 @@ class CauseFinder:
         """Add the next standstill of the setup that the signals state; ``expected``: it is expected
         at a certain stop.
 
-        Return the cause's finding once it is sure, and what was held back where there is none.
+        Return the finding of the cause once it is sure; without a cause, return the withheld
+        findings.
         """
         if self.over:
             return []
@@ -190,7 +193,7 @@ class CauseFinder:
         return []
 
     def released(self) -> list[Finding]:
-        """Return the waiting findings, because no cause explains them. After a line is named, only
+        """Return the withheld findings, because no cause explains them. After a line is named, only
         a pass that fits the file shows other faults.
         """
         held, self.held = self.held, []

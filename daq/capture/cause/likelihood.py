@@ -22,7 +22,7 @@ CAUSE, SURE = 6.0, 7.0
 MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
 CONFIRMED = 2
 ALIKE_SIGMAS = 4.0
-"""Positions and times further from a hypothesis are not its own."""
+"""A position or time further from a hypothesis than this does not support it."""
 APART_MM = ALIKE_SIGMAS * PLACED_MM
 FREE = math.log(RANGE_MM / PLACED_MM)
 ON_TIME = (0.0, 0.0)
@@ -58,7 +58,7 @@ class Move:
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
 
     def is_at(self, late_s: tuple[float, float]) -> bool:
-        """Return whether both times are those of a laser so much later than the signals."""
+        """Return whether both times fit a laser that is later than the signals by ``late_s``."""
         off_s = max(abs(self.left_s - late_s[0]), abs(self.came_s - late_s[1]))
         return off_s < ALIKE_SIGMAS * self.u_s
 
@@ -206,8 +206,8 @@ class Evidence:
         """Return the best logarithm of the likelihood of the unchanged file, over the errors of a
         pass at single stops.
 
-        A standstill is the next stop, or for `FAILURE` each the same stop again, a stop one or two
-        further on, or no stop at all: then it lies anywhere on the way. Its step counts from the
+        A standstill is the next stop. At the cost `FAILURE` it may be the same stop again, a stop
+        one or two further on, or no stop: a place anywhere on the way. Its step counts from the
         last standstill that is a stop.
         """
         shown = self.shown_mm()
@@ -257,8 +257,9 @@ class Evidence:
         return max(paths.values())
 
     def in_time(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of the edges of the moves where the laser is so
-        much later than the signals."""
+        """Return the logarithm of the likelihood of the edges of the moves, if the laser is later
+        than the signals by ``late_s`` (begin, end).
+        """
         moves = [each.move(late_s) for each in self.stands]
         return sum(move.fits(late_s) for move in moves if move is not None)
 

@@ -25,14 +25,18 @@ BEGIN = 14.0
 outweigh it.
 """
 AGAIN, ORDINARY, COUNTED_NOWHERE = 0.3, 1.0, 2.0
-"""Small costs: of a failure that repeats; of a program restarted after the beam was cut; of a
-standstill before the first stop of a machine without signals; of a counted stop at no stop of the
+"""Small costs, for: a failure that repeats; a program restarted after the beam was cut; a
+standstill before the first stop of a machine without signals; a counted stop that is no stop of the
 pass.
 """
 SURE = 2.0
-"""A name is sure if its path is more probable than every other name's by so much."""
+"""Difference of log-likelihood by which the path of a name has to exceed those of all other names
+to make it sure.
+"""
 SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
-"""Noise: of a count that slipped; of a reading with no memory; of a step, as a share of it."""
+"""Noise of a count that slipped, of a reading without an earlier one to compare, and of a step (as
+a share of its length).
+"""
 KEPT, WITHIN = 12, 25.0
 """Number of paths that are followed, and the largest lag of the least probable path."""
 COUNTER_TRUSTED = 1000

@@ -29,8 +29,8 @@ from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
 LOOK_BACK_NS = 5_000_000_000
 AWAY_MM = 0.2
-"""Distance in mm beyond which a machine is moving: no machine swings so far, and no drive
-overshoots by it.
+"""Distance in mm beyond which a machine is moving: vibration and overshoot are smaller on every
+machine.
 """
 AWAY_SHARE = 0.25
 """Share of a shorter step used in its place; for a step whose share is below `STILL_MM` nothing is
@@ -118,9 +118,9 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
     """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
 
-    The first ``settle_s`` are left out. If the rest is not yet steady, later and shorter parts of
-    it are tried, while they are long enough. A step in the rest, or a frozen value, makes the stop
-    doubtful, whichever part is used.
+    The first ``settle_s`` are left out. If the standstill is not yet steady, later and shorter
+    parts of it are tried, down to the shortest allowed length. A step in the rest, or a frozen
+    value, makes the stop doubtful, whichever part is used.
     """
     start = part.from_ns + rules.settle_s * 1e9
     span = part.span(stream, start)
@@ -185,8 +185,9 @@ def take(
 
 
 def _unsteady(window: Window, rules: StopRules) -> list[Message]:
-    """Return why a window is not steady: its trend beyond doubt too steep, or its scatter too wide;
-    nothing if it is."""
+    """Return the reason why a window is not steady (its trend is certainly too steep, or its
+    scatter too wide); empty for a steady window.
+    """
     if abs(window.slope_um_s) > rules.max_slope_um_s + STEADY_SIGMAS * window.u_slope_um_s:
         return [
             message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)

@@ -205,8 +205,9 @@ NEAR = 3
 SHARP = 0.7
 LEAST_STEP_UM = 0.5
 UNLIKE_A_DRIFT = 0.35
-"""Two levels explain the window if they leave at most so much of the squares that a straight line
-leaves."""
+"""Two levels explain the window if their square sum is at most this share of the square sum of a
+straight line.
+"""
 WRONG_SHARE = 0.01
 """More wrong lines than `LEAST_SAMPLES` and so large a share of the window are no accident."""
 RESTLESS_UM = 0.02
@@ -253,13 +254,14 @@ def _leaving(position_mm: NDArray[np.float64]) -> int:
 
 
 def step_in_um(position_mm: NDArray[np.float64]) -> float:
-    """Return the size of the step between two levels in a window, in um; 0 where it has none."""
+    """Return the size of the step between two levels in a window, in um; 0 without a step."""
     return find_step(position_mm)[0]
 
 
 def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the size of the step between two levels in a window, in um, and in standard deviations
-    of what the levels leave; 0 where it has none."""
+    """Return the size of the step between two levels in a window, in um and in standard deviations
+    of the residuals; 0 without a step.
+    """
     size = -(-len(position_mm) // STEP_BLOCKS)
     count = len(position_mm) // size
     if count < LEAST_BLOCKS:

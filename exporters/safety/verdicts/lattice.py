@@ -101,8 +101,8 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     """Return the mean of the movement of an output axis over the volume, at the vertices along one
     axis of the lattice.
 
-    A lattice has the same requirement as a table: the right value at its own points, whatever its
-    spacing cannot hold between them.
+    A lattice, like a table, has to be right at its own points; the error that its spacing leaves
+    between them is not judged.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
     along = _nodes_mm(volume)

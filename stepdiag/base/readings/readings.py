@@ -31,7 +31,9 @@ TURNED = "turned"
 machine reversed there.
 """
 NO_ZERO = -1
-"""A reading whose count may not reach beyond its pass: it is relative to the pass's first stop."""
+"""Value for a reading without a zero shared with other passes: it is relative to the first stop of
+its pass.
+"""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
 """Largest share of missing stops within a pass that can still be solved."""
