@@ -38,7 +38,9 @@ SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
 a share of its length).
 """
 KEPT, WITHIN = 12, 25.0
-"""Number of paths that are followed, and the largest lag of the least probable path."""
+"""Largest number of paths that are followed, and the log-likelihood by which a followed path may
+lie below the best one.
+"""
 COUNTER_TRUSTED = 1000
 """A stop counter that increased by more than this was reset: the PLC has restarted."""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}

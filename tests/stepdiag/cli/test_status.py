@@ -114,7 +114,8 @@ def test_a_beam_that_was_lost_says_so(survey):
     record(survey, 1, stops)
     reason = told(survey)["setups"][0]["reason"]
     assert reason.startswith(
-        "pass 1: stops 6–10 do not reach back to the start (beam lost): drive again from stop 5 on"
+        "pass 1: stops 6–10 are not connected with the first stop (beam lost): drive again "
+        "from stop 5 on"
     )
 
 
@@ -191,7 +192,7 @@ def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
             in stepdiag(*(wrong if word == "TIME" else word for word in command)).refusal
         )
     assert (
-        "as what is accepted"
+        "as the accepted finding"
         in stepdiag(
             "accept", survey, "ppp/1", "--reason", "x", "--begun", "2027-01-15T08:00"
         ).refusal
@@ -275,7 +276,9 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
         header=other,
     )
     assert told(survey)["next_setup"] == "npp"
-    assert "0002.mcap: another one: it does not count here" in stepdiag("status", survey).out
+    assert (
+        "0002.mcap: another one: its stops are not counted here" in stepdiag("status", survey).out
+    )
 
 
 def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):

@@ -97,4 +97,4 @@ def test_a_terminal_without_the_micrometre_sign_shows_um(encoding: str, tmp_path
     assert code == 0, shown
     assert b"in um or arc-seconds" in b" ".join(shown.split())
     _, shown = on_ascii(door, tmp_path, "utf-8")
-    assert "in µm or arc-seconds" in " ".join(shown.decode().split())
+    assert "(µm or arc-seconds)" in " ".join(shown.decode().split())

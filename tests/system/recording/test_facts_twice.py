@@ -295,7 +295,7 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
     assert (
-        "stop 3 of 7: measured again it reads +55.0 µm otherwise"
+        "stop 3 of 7: the repeated reading of this stop differs by +55.0 µm"
         in findings_of(said, "reading-differs")[0]
     )
 
@@ -315,7 +315,7 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
     assert (
-        "stop 3 of 4: measured again it reads +55.0 µm otherwise"
+        "stop 3 of 4: the repeated reading of this stop differs by +55.0 µm"
         in findings_of(said, "reading-differs")[0]
     )
     # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or
