@@ -109,7 +109,7 @@ def test_registers_that_stand_still_close_no_stop(tmp_path):
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")
-            live = stepdiag("status", place.survey).out
+            live = stepdiag("status", place.survey, "--verbose").out
         nothing_silently_wrong(place)
     assert "heartbeat-still" in {each.get("code") for each in said}
     assert "(ppp): pass 1" in live
