@@ -149,7 +149,9 @@ class ByLaser:
         if not len(span.time_ns):
             return []
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
-        found = _marked(span) if self._marked else _joined(_plateaus(span, self._least_s), span)
+        found = (
+            _marked(span) if self._marked else _without_shakes(_plateaus(span, self._least_s), span)
+        )
         over = []
         for stand, following in zip(found, [*found, None][1:], strict=True):
             left = lost or following is not None or self._has_left(span, stand)
@@ -283,7 +285,7 @@ def _marked(span: Span) -> list[_Stand]:
     return found
 
 
-def _joined(parts: list[_Stand], span: Span) -> list[_Stand]:
+def _without_shakes(parts: list[_Stand], span: Span) -> list[_Stand]:
     """Return the parts; parts of one standstill, between which the machine was shaken but did not
     move, are joined.
     """

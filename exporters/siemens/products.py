@@ -203,10 +203,10 @@ def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
                 expected=message("plain-table"),
                 found=f"$AN_CEC_MULT_BY_TABLE {times + 1}",
             )
-    return tuple(_joined(tables, by_number, linked))
+    return tuple(_linked_tables(tables, by_number, linked))
 
 
-def _joined(
+def _linked_tables(
     tables: Sequence[Table], by_number: Mapping[int, Table], linked: Mapping[int, int]
 ) -> Iterator[Table]:
     for table in tables:

@@ -146,13 +146,13 @@ def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: floa
     )
     return np.hstack(
         [
-            _read(parameters[first : first + 3], one)
+            _detector_reading(parameters[first : first + 3], one)
             for first, one in zip((QD, PSD1, PSD2), seen, strict=True)
         ]
     )
 
 
-def _read(detector: Vector, lateral: Vector) -> Vector:
+def _detector_reading(detector: Vector, lateral: Vector) -> Vector:
     """Return the readings of a detector of two gains and a roll in mrad, shape like ``lateral``:
     the inverse of `detector.spots`."""
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])

@@ -145,7 +145,7 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         _drift_entries(layout, columns, pairs),
         _miss_entries(layout, columns),
     ]
-    rows = _rows(pieces, columns)
+    rows = _packed_rows(pieces, columns)
     return Design(
         volume=layout.volume,
         chain=chain,
@@ -163,12 +163,12 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
 def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
     """Return the effect of the machine's own unknowns on every reading of a layout, as
     `build_design` has it."""
-    return _rows(
+    return _packed_rows(
         [_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns
     )
 
 
-def _rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
+def _packed_rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
     return Rows(
         np.hstack([column for column, _ in pieces]),
         np.hstack([value for _, value in pieces]),

@@ -272,11 +272,11 @@ def _by_name(
     found, name_of = [], np.array(machine.names)
     for name in names:
         mine = np.flatnonzero(name_of == name)
-        found.append((name, _table(name, machine.node[mine], volume, values[:, mine])))
+        found.append((name, _node_rows(name, machine.node[mine], volume, values[:, mine])))
     return found
 
 
-def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
+def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
     """Return rows of values (r, k) of a function at all nodes of the modes, with the zeros that its
     definition sets; for a squareness the rows (r, 1) unchanged.
     """
@@ -334,7 +334,7 @@ def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, ch
     field = np.zeros((len(names), len(points), 3))
     for name in dict.fromkeys(names):
         mine = np.flatnonzero(np.array(names) == name)
-        table = _table(name, np.array(node)[mine], volume, np.eye(len(mine)))
+        table = _node_rows(name, np.array(node)[mine], volume, np.eye(len(mine)))
         if name[0] != "E":
             field[mine] = field_of_um(volume, chain, {}, {name: table[:, 0]}, points)
         else:

@@ -229,17 +229,17 @@ def line_named(found: Finding) -> str:
     """Return the line of the survey file that a finding names as the cause; empty for another
     finding.
     """
-    return _line(found, _NAMING)
+    return _line_to_correct(found, _NAMING)
 
 
 def line_to_correct(found: Finding) -> str:
     """Return the line of the survey file whose correction removes the reason of a finding, the
     stops or the air; empty for another finding.
     """
-    return _line(found, _NAMING | {"conditions-held.unit"})
+    return _line_to_correct(found, _NAMING | {"conditions-held.unit"})
 
 
-def _line(found: Finding, keys: frozenset[str]) -> str:
+def _line_to_correct(found: Finding, keys: frozenset[str]) -> str:
     words = found.message
     return "" if words is None or words.key not in keys else str(words.arguments["line"])
 

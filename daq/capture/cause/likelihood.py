@@ -227,7 +227,8 @@ class Evidence:
 
             for (stop, base), score in paths.items():
                 nowhere = score - FAILURE - math.log(RANGE_MM)
-                nowhere += 2 / 3 * placed + (alike if number else 0.0) if shown is not None else 0.0
+                if shown is not None:
+                    nowhere += 2 / 3 * placed + (alike if number else 0.0)
                 reach((stop, base), nowhere)
                 for onward, cost in MOVES.items():
                     there = stop + onward

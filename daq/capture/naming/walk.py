@@ -155,7 +155,7 @@ class Chain:
             score[~route.beside(look.position_mm)] = -math.inf
             nowhere -= 3 * math.log(RANGE_MM / PLACED_MM)
         if look.reading_mm is not None and (path.known or not self._signalled):
-            read, fits = _read(path.known, path.stop, route, look.reading_mm)
+            read, fits = _reading_likelihood(path.known, path.stop, route, look.reading_mm)
             score += read
             nowhere -= math.log(RANGE_MM)
         for stop in np.flatnonzero(score > max(score.max() - WITHIN, -1e9)).tolist():
@@ -165,7 +165,7 @@ class Chain:
             elif look.reading_mm is not None:
                 known = {**known, stop: look.reading_mm}
             yield replace(
-                _at(path, look, stop, float(score[stop]), bool(counted[stop])), known=known
+                _extended(path, look, stop, float(score[stop]), bool(counted[stop])), known=known
             )
         yield replace(
             path, score=nowhere, nowhere=True, count=look.count, names=(*path.names, None)
@@ -184,10 +184,10 @@ class Chain:
         alike = float(np.logaddexp.reduce(log_normal(off, noise_mm(steps_mm))))
         cost = AGAIN if path.astray else RARE + math.log(2 * len(off))
         score = path.score - cost - float(counted[stop]) + alike
-        yield replace(_at(path, look, stop, score, bool(counted[stop])), astray=True)
+        yield replace(_extended(path, look, stop, score, bool(counted[stop])), astray=True)
 
 
-def _at(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
+def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
     """Return the extension of a path to a stop."""
     return replace(
         path,
@@ -235,12 +235,12 @@ def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | 
     """
     if reading_mm is None or not known:
         return None
-    read, fits = _read(known, -1, route, reading_mm)
+    read, fits = _reading_likelihood(known, -1, route, reading_mm)
     second, best = np.argsort(read)[-2:].tolist()
     return best if fits[best] and read[best] - read[second] >= ORDINARY else None
 
 
-def _read(
+def _reading_likelihood(
     known: Known, last_stop: int, route: Route, reading_mm: float
 ) -> tuple[Costs, NDArray[np.bool_]]:
     """Return the logarithm of the likelihood of a reading at every stop, and whether the reading
@@ -381,10 +381,10 @@ class Walk:
         stop = min(self.expected, len(self.route) - 1)
         if position_mm is None:
             return self.finding("warning", stop, message("between-stops.no-reading"))
-        wanted = _place(self.route.planned_mm(stop))
+        wanted = _position_words(self.route.planned_mm(stop))
         words = message(
             "unexpected-position",
-            at=_place(position_mm),
+            at=_position_words(position_mm),
             name=run(self.route.setup, self.way),
             wanted=wanted,
         )
@@ -394,7 +394,7 @@ class Walk:
         """Return the finding of a stop that is measured again."""
         if position_mm is None:
             return self.finding("info", stop, message("stop-again.by-laser"))
-        words = message("stop-again.by-position", at=_place(position_mm))
+        words = message("stop-again.by-position", at=_position_words(position_mm))
         return self.finding("info", stop, words)
 
     def _miscounted(self, stop: int, by_count: int, position_mm: Position) -> Finding:
@@ -404,7 +404,10 @@ class Walk:
                 "warning", stop, message("count-disagrees.with-laser", counted=by_count, named=stop)
             )
         words = message(
-            "count-disagrees.with-position", counted=by_count, at=_place(position_mm), named=stop
+            "count-disagrees.with-position",
+            counted=by_count,
+            at=_position_words(position_mm),
+            named=stop,
         )
         return self.finding("warning", stop, words)
 
@@ -496,5 +499,5 @@ class Walk:
         return self.expected, [self.finding("warning", self.expected, back)]
 
 
-def _place(position_mm: tuple[float, float, float]) -> str:
+def _position_words(position_mm: tuple[float, float, float]) -> str:
     return ", ".join(f"{value:.4f}" for value in position_mm)

@@ -232,7 +232,7 @@ class Standstills:
                 return False
             if not one:
                 return True
-            self._waiting[0] = _joined(self._waiting[0], self._waiting.pop(1).dwell)
+            self._waiting[0] = _single_dwell(self._waiting[0], self._waiting.pop(1).dwell)
         if going_on is None:
             return now_ns - self._waiting[0].end_ns >= FLICKER_NS
         one = _one(self._waiting[0], going_on, placing)
@@ -316,7 +316,7 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
     return beginning[-RECENT:]
 
 
-def _joined(before: _Waiting, after: Dwell) -> _Waiting:
+def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:
     """Return two dwells as a single dwell: the whole of both if no move was observed, else the
     longer part; the signals are the most frequent.
     """
