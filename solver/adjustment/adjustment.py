@@ -70,6 +70,7 @@ from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
+"""Largest number of rounds in which assumed sizes are increased, if they do not settle before."""
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
 """Effects whose sizes are estimated before wrong stops are searched for, because none of them can
 follow a single wrong stop.

@@ -17,10 +17,14 @@ from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
 OUTLIER = 1e-3
+"""Share of observations that may lie anywhere: one wrong reading must not exclude a hypothesis."""
 CAUSE, SURE = 6.0, 7.0
 """A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
 MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
 CONFIRMED = 2
+"""Least number of agreeing steps, or moves, before a cause is named: a single one may agree by
+chance.
+"""
 ALIKE_SIGMAS = 4.0
 """A position or time further from a hypothesis than this does not support it."""
 APART_MM = ALIKE_SIGMAS * PLACED_MM
@@ -29,7 +33,10 @@ ON_TIME = (0.0, 0.0)
 EDGE_S, PLATEAU_S = 0.03, 0.1
 """An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
 LEAST_MOVE_MM = 1.0
+"""Shorter moves have no clear edges in time."""
 LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
+"""Smallest lateness that is more than edge and poll leave open, and the largest that is searched.
+"""
 RANGE_S = 2 * MOST_LATE_S
 Matrix = NDArray[np.float64]
 Change = tuple[str, str]

@@ -28,6 +28,9 @@ from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
 LOOK_BACK_NS = 5_000_000_000
+"""Time in ns before a standstill in which its approach is searched: longer than the last part of a
+slow move.
+"""
 AWAY_MM = 0.2
 """Distance in mm beyond which a machine is moving: vibration and overshoot are smaller on every
 machine.
