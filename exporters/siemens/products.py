@@ -84,9 +84,9 @@ def chosen(
     """Return the most valuable curves and products within ``tables`` CEC tables (None: without a
     limit).
 
-    ``tables_of`` gives the number of CEC tables of each curve. A product takes a table, and another
-    for its lever, shared by products of the same lever and output axis. Omitted orthogonal parts
-    add up in squares: the selection with the smallest sum is used.
+    ``tables_of`` gives the number of CEC tables of each curve. A product needs one table, and a
+    second table for its lever, which all products of the same lever and output axis share. Omitted
+    orthogonal parts add up in squares: the selection with the smallest sum is used.
     """
     given = [product for product in products[:_MOST] if product.rms_um > 0.0]
     worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}

@@ -169,8 +169,8 @@ class _Step:
 def _gauss_newton(
     stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector
 ) -> tuple[_Step, Vector, Vector]:
-    """Return the next step, the weighted residuals without the pointing, and their leverage, the
-    part of the noise that they hide, both (N, 6).
+    """Return the next step, the weighted residuals without the pointing, and their leverage (the
+    share of the noise that the fit absorbs), both (N, 6).
     """
     still = np.zeros_like(stands.moved_um)
     base = _model(stands, parameters, still, middle_mm)

@@ -179,8 +179,8 @@ def _centre_mm(standings: Sequence[Standing]) -> Vector:
 def _standstill_rows(
     lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str
 ) -> tuple[Stands, Vector]:
-    """Return the rows of standstills with light: one row each, but many for a long standstill,
-    which is an end of its own; and the means of their channels (N, 9).
+    """Return the rows of standstills with light, and the means of their channels (N, 9). A
+    standstill has one row; a long standstill, which is an end of the travel, has many.
 
     The values by the curves, and the noise, are still missing.
     """

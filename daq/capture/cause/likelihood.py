@@ -241,9 +241,8 @@ class Evidence:
                     there = stop + onward
                     if not 0 <= there < len(route):
                         continue
-                    turned = (
-                        stop == -1 and there == 1
-                    )  # the machine turned at its first stop, which the pass before holds
+                    # the machine reversed at the first stop, whose reading the pass before holds
+                    turned = stop == -1 and there == 1
                     found = score - (1.0 if turned else cost)
                     if shown is not None:
                         found += float(

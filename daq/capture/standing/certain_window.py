@@ -52,7 +52,8 @@ uncertainties, and a step seven standard deviations of what two levels leave."""
 class Taken:
     """A window of readings: the statistics, its bounds, and what is doubtful about it.
 
-    ``step`` is the size of a step in it, in um and in standard deviations of what two levels leave.
+    ``step`` is the size of a step in the window, in um and in standard deviations of the residuals
+    of two levels.
     """
 
     window: Window
