@@ -36,8 +36,8 @@ def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[Captur
     route = route_mm if len(route_mm) <= MOST_DRAWN else (route_mm[0], route_mm[-1])
     size = STOP_SHARE * max(volume.size_mm) * 1e-3
     lines = [
-        _lines(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
-        _lines(LINE_STRIP, route, BLUE),
+        _line_entity(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
+        _line_entity(LINE_STRIP, route, BLUE),
     ]
     spheres = [
         {
@@ -74,7 +74,7 @@ def _edges(volume: Volume) -> list[tuple[Point, Point]]:
     ]
 
 
-def _lines(kind: int, points_mm: Sequence[Point], color: dict[str, float]) -> dict[str, Any]:
+def _line_entity(kind: int, points_mm: Sequence[Point], color: dict[str, float]) -> dict[str, Any]:
     return {
         "type": kind,
         "pose": _NOWHERE,

@@ -187,8 +187,8 @@ class Session:
 
     @property
     def strip(self) -> Strip:
-        """Return the newest readings for display. The samples are decoded here: a chunk that
-        nothing displays waits for further chunks.
+        """Return the newest readings for display. The samples are decoded here; while no page
+        displays them, chunks are collected and decoded together.
         """
         self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
         return self._strip

@@ -517,8 +517,8 @@ class Daemon:
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
-        """Write the live state beside the lock, in a thread that only writes; ``then`` is called
-        there.
+        """Write the live state beside the lock, in a thread that only writes; that thread calls
+        ``then`` at the end.
         """
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")

@@ -403,8 +403,8 @@ LOSSES: Mapping[Flag, Message] = {
 
 
 def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last unwatched time: one of each has the same effect as
-    many.
+    """Return the last loss of count and the last unwatched time; several have the same effect as
+    the last.
     """
     return tuple({event.watched: event for event in breaks}.values())
 

@@ -16,9 +16,9 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
-"""Ratio to the usual size of an ordinary machine: worn machines with 90 urad have 6 times the
-usual, and surveys of them show 7 times at most. A value that is certainly larger is not caused by
-the machine: in a small survey a wrong reading looks like large angles.
+"""Largest credible ratio to the usual size of an ordinary machine: worn machines with 90 urad have
+6 times the usual size, and their surveys show at most 7 times. A value that is certainly larger is
+not caused by the machine: in a small survey a wrong reading looks like large angles.
 """
 FEW_FREEDOM = 20
 """Surveys with three increments, driven once, have 13 degrees of freedom, with two increments 7.

@@ -250,8 +250,8 @@ def budget(
     their combination.
 
     Shares are root mean squares over the nodes of a function; those over the ``volume`` come first
-    (`volume_shares_um`). An unidentified quantity has no share: its numbers would be those of an
-    arbitrary solution, and different on another processor.
+    (`volume_shares_um`). Unidentified quantities are left out, because their numbers depend on an
+    arbitrary choice of solution and differ between processors.
     """
     moved = spread.moved(quantities.combination)
     shares = {READINGS: u_readings, **spread.shares(moved)}

@@ -4,8 +4,9 @@ expansion, or a machine with this scale.
 Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
 a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
 Compared are the likelihoods of the scales as found, and less the effect of each statement, with the
-odds against a wrong statement as prior. Scales alone cannot separate a statement from a machine
-where both fit alike: both are then named, with the reading of the laser that separates them.
+odds against a wrong statement as prior. If a wrong statement and a machine of that length fit
+equally well, the scales cannot separate them: the finding names both, and the reading of the laser
+that decides.
 """
 
 import math
@@ -88,7 +89,9 @@ class _Statement:
 
 
 def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:
-    """Yield every statement that lengthens all axes alike where it is wrong."""
+    """Yield every statement of the survey file that, if wrong, changes the length of all axes by
+    the same ratio.
+    """
     laser, stated = survey.laser, survey.environment
     air = Air(
         temperature_c=np.array(stated.air_temperature_c),

@@ -49,12 +49,14 @@ EXPLAINED = HELD | {
     "count-slip",
     "beam-lost",
 }
-"""Findings that wait after a cause is named: a reading of the logs by the corrected file raises the
-findings that remain.
+"""Findings not raised after a cause is named: those that remain are raised when the logs are read
+with the corrected file.
 """
 
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
-"""Lines that spoil the windows of every pass, even of a pass whose steps fit the file."""
+"""Lines of the survey file that, if wrong, shift the windows of readings in every pass, also in a
+pass whose steps fit the file.
+"""
 
 Code = Literal[
     "unexpected-position.cause",
@@ -97,7 +99,8 @@ class CauseFinder:
         """Add the next standstill of the setup that the signals state; ``expected``: it is expected
         at a certain stop.
 
-        Return the cause's finding once it is sure, and what was held back where there is none.
+        Return the finding of the cause once it is sure; without a cause, return the withheld
+        findings.
         """
         if self.over:
             return []
@@ -190,7 +193,7 @@ class CauseFinder:
         return []
 
     def released(self) -> list[Finding]:
-        """Return the waiting findings, because no cause explains them. After a line is named, only
+        """Return the withheld findings, because no cause explains them. After a line is named, only
         a pass that fits the file shows other faults.
         """
         held, self.held = self.held, []
@@ -226,17 +229,17 @@ def line_named(found: Finding) -> str:
     """Return the line of the survey file that a finding names as the cause; empty for another
     finding.
     """
-    return _line(found, _NAMING)
+    return _line_to_correct(found, _NAMING)
 
 
 def line_to_correct(found: Finding) -> str:
     """Return the line of the survey file whose correction removes the reason of a finding, the
     stops or the air; empty for another finding.
     """
-    return _line(found, _NAMING | {"conditions-held.unit"})
+    return _line_to_correct(found, _NAMING | {"conditions-held.unit"})
 
 
-def _line(found: Finding, keys: frozenset[str]) -> str:
+def _line_to_correct(found: Finding, keys: frozenset[str]) -> str:
     words = found.message
     return "" if words is None or words.key not in keys else str(words.arguments["line"])
 

@@ -17,19 +17,26 @@ from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
 OUTLIER = 1e-3
+"""Share of observations that may lie anywhere: one wrong reading must not exclude a hypothesis."""
 CAUSE, SURE = 6.0, 7.0
 """A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
 MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
 CONFIRMED = 2
+"""Least number of agreeing steps, or moves, before a cause is named: a single one may agree by
+chance.
+"""
 ALIKE_SIGMAS = 4.0
-"""Positions and times further from a hypothesis are not its own."""
+"""A position or time further from a hypothesis than this does not support it."""
 APART_MM = ALIKE_SIGMAS * PLACED_MM
 FREE = math.log(RANGE_MM / PLACED_MM)
 ON_TIME = (0.0, 0.0)
 EDGE_S, PLATEAU_S = 0.03, 0.1
 """An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
 LEAST_MOVE_MM = 1.0
+"""Shorter moves have no clear edges in time."""
 LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
+"""Smallest lateness that is more than edge and poll leave open, and the largest that is searched.
+"""
 RANGE_S = 2 * MOST_LATE_S
 Matrix = NDArray[np.float64]
 Change = tuple[str, str]
@@ -58,7 +65,7 @@ class Move:
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
 
     def is_at(self, late_s: tuple[float, float]) -> bool:
-        """Return whether both times are those of a laser so much later than the signals."""
+        """Return whether both times fit a laser that is later than the signals by ``late_s``."""
         off_s = max(abs(self.left_s - late_s[0]), abs(self.came_s - late_s[1]))
         return off_s < ALIKE_SIGMAS * self.u_s
 
@@ -206,8 +213,8 @@ class Evidence:
         """Return the best logarithm of the likelihood of the unchanged file, over the errors of a
         pass at single stops.
 
-        A standstill is the next stop, or for `FAILURE` each the same stop again, a stop one or two
-        further on, or no stop at all: then it lies anywhere on the way. Its step counts from the
+        A standstill is the next stop. At the cost `FAILURE` it may be the same stop again, a stop
+        one or two further on, or no stop: a place anywhere on the way. Its step counts from the
         last standstill that is a stop.
         """
         shown = self.shown_mm()
@@ -227,15 +234,15 @@ class Evidence:
 
             for (stop, base), score in paths.items():
                 nowhere = score - FAILURE - math.log(RANGE_MM)
-                nowhere += 2 / 3 * placed + (alike if number else 0.0) if shown is not None else 0.0
+                if shown is not None:
+                    nowhere += 2 / 3 * placed + (alike if number else 0.0)
                 reach((stop, base), nowhere)
                 for onward, cost in MOVES.items():
                     there = stop + onward
                     if not 0 <= there < len(route):
                         continue
-                    turned = (
-                        stop == -1 and there == 1
-                    )  # the machine turned at its first stop, which the pass before holds
+                    # the machine reversed at the first stop, whose reading the pass before holds
+                    turned = stop == -1 and there == 1
                     found = score - (1.0 if turned else cost)
                     if shown is not None:
                         found += float(
@@ -257,8 +264,9 @@ class Evidence:
         return max(paths.values())
 
     def in_time(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of the edges of the moves where the laser is so
-        much later than the signals."""
+        """Return the logarithm of the likelihood of the edges of the moves, if the laser is later
+        than the signals by ``late_s`` (begin, end).
+        """
         moves = [each.move(late_s) for each in self.stands]
         return sum(move.fits(late_s) for move in moves if move is not None)
 

@@ -244,7 +244,7 @@ class TestPlan:
             file.write('[[export]]\ncontroller = "fanuc"\nprofile = "fanuc.toml"\n')
         told = stepdiag("plan", survey, "--minutes", 90)
         assert re.search(
-            r"tables of one axis each leave 0\.\d+ µm whatever is driven",
+            r"tables of one axis each leave 0\.\d+ µm, however many lines are driven",
             " ".join(told.out.split()),
         )
 
