@@ -104,7 +104,7 @@ LONGEST = (
 """Beginnings of the names of the tests that are begun first, in this order: one that begins last is
 waited for alone."""
 
-FOLDERS = {"system": "tests/system/", "control": "tests/system/", "page": "tests/page/"}
+FOLDERS = {"system": "tests/system/", "control": "tests/system/control/", "page": "tests/page/"}
 """Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
 
 COMING = Path(__file__).parents[1] / ".setup" / "coming"
