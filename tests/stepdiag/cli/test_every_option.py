@@ -29,7 +29,6 @@ from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.fleet.archive import add as archived
 from stepdiag.fleet.store import Store
 from stepdiag.fourdof.record import HeadRecord, render_head_csv
-from stepdiag.solver.planning import planner
 from stepdiag.virtual.instruments.head import (
     Disturbance,
     HeadOptics,
@@ -44,6 +43,7 @@ from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.fleets import finished_survey, write_history
 from testkit.ordinary.heads import stage_pose
+from testkit.planned import plan_once
 
 Outcome = tuple[Told, dict[Path, bytes]]
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
@@ -53,8 +53,6 @@ ERRORS = {
     "EZZ": [0, 6, -4, 5, 9],
     "EYX": [0, 5, 8, 4, 0],
 }
-SEARCH = planner.plan
-SOUGHT: dict[str, object] = {}
 SECTION = "[uncertainty]\nrepeatability_um = 4.0\n"
 ANGLES = "axis,position_mm,EA_urad,EB_urad,EC_urad\n" + "".join(
     f"X,{x:g},{x * 0.05:g},0,0\n" for x in range(0, 1001, 100)
@@ -609,14 +607,7 @@ def kept(goods: Path) -> dict[Path, bytes]:
 @pytest.fixture(autouse=True)
 def planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search the surveys of one question once: the search takes seconds."""
-
-    def plan(*asked: object, **options: object) -> object:
-        question = repr((asked, options))
-        if question not in SOUGHT:
-            SOUGHT[question] = SEARCH(*asked, **options)
-        return SOUGHT[question]
-
-    monkeypatch.setattr(planner, "plan", plan)
+    plan_once(monkeypatch)
 
 
 @pytest.fixture
