@@ -189,6 +189,7 @@ class SignalDecoder:
         self._expressions = expressions
         self._memory = Memory()
         self._ranges: tuple[ReadRange, ...] = ()
+        self._lengths: tuple[int, ...] = ()
         self._places: dict[str, tuple[_Found, ...]] = {}
         self._kept: dict[str, tuple[list[bytes], bool | int | float | None]] = {}
         self._data: tuple[bytes, ...] | None = None
@@ -205,10 +206,11 @@ class SignalDecoder:
                 self._places = {
                     name: _find(name, spec, block.ranges) for name, spec in self._signals.items()
                 }
+                self._lengths = tuple(asked.byte_count for asked in block.ranges)
                 self._data, self._kept = None, {}
             self._ranges = block.ranges
         if block.data != self._data:
-            _check_lengths(block)
+            _check_lengths(block, self._lengths)
             values = {
                 name: self._value(name, block.data)
                 for name in self._signals
@@ -281,12 +283,12 @@ def _typed(name: str, value: float) -> int | float | None:
     return round(value) if name in COUNTED else float(value)
 
 
-def _check_lengths(block: ModbusBlock) -> None:
-    for asked, data in zip(block.ranges, block.data, strict=True):
-        if data and len(data) != asked.byte_count:
+def _check_lengths(block: ModbusBlock, lengths: tuple[int, ...]) -> None:
+    for asked, data, length in zip(block.ranges, block.data, lengths, strict=True):
+        if data and len(data) != length:
             raise DataError(
                 message("answer-for", place=f"{asked.table} {asked.address}"),
-                expected=message("expects-bytes", count=asked.byte_count),
+                expected=message("expects-bytes", count=length),
                 found=f"{len(data)}",
                 remedy=message("check-unit-gateway"),
             )

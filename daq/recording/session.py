@@ -520,9 +520,7 @@ class Session:
         self._drawn.append(stop)
         walk = self.capture.walk if self.capture is not None else None
         if walk is not None:
-            self._sink.note(
-                scene_note(self.survey.volume, walk.route.stops_mm.tolist(), self._drawn)
-            )
+            self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm, self._drawn))
 
     def _of_pass(self, found: Finding) -> Finding:
         """Return a finding of the recording with the number of its pass."""

@@ -1,6 +1,6 @@
 """Search of a common cause of a pass, with its findings held back."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
@@ -119,7 +119,7 @@ class CauseFinder:
         """Return the conclusion from the standstills: the finding of the cause, the finding of two
         causes with equal fit, or the findings that waited.
         """
-        causes = sorted(self._scored(setup), key=lambda each: -each[0])
+        causes = self._scored(setup)
         if not causes:
             self.over = len(self.evidence) >= LAST
             return self.released() if self.over else []
@@ -199,15 +199,17 @@ class CauseFinder:
         held, self.held = self.held, []
         return held if self.plain or not self.named else []
 
-    def _scored(self, setup: str | None) -> Iterator[tuple[float, Cause]]:
-        """Yield every hypothesis with the logarithm of its likelihood and prior."""
+    def _scored(self, setup: str | None) -> list[tuple[float, Cause]]:
+        """Return every hypothesis with the logarithm of its likelihood and prior, best first."""
         library = Library(self.survey, self.hints, self.evidence)
-        in_time = cache(self.evidence.in_time)  # most causes have the same delay
-        for plain in library.plain(setup):
-            yield self.evidence.as_stated(plain.route) + in_time(plain.late_s), plain
-        for cause in library.hypotheses(setup):
-            if len(self.evidence) <= len(cause.route):
-                yield self.evidence.fit(cause) + in_time(cause.late_s), cause
+        plain, evidence = list(library.plain(setup)), self.evidence
+        causes = [each for each in library.hypotheses(setup) if len(evidence) <= len(each.route)]
+        scores = [evidence.as_stated(each.route) for each in plain]
+        scores += evidence.fits(causes).tolist() if causes else []
+        in_time = cache(evidence.in_time)  # most causes have the same delay
+        both = zip(scores, [*plain, *causes], strict=True)
+        scored = [(score + in_time(cause.late_s), cause) for score, cause in both]
+        return sorted(scored, key=lambda each: -each[0])
 
     def _finding(self, cause: Cause) -> Finding:
         (line, value), *others = cause.changes
