@@ -39,13 +39,6 @@ def scene_note(volume: Volume, route_mm: Route, stops: Sequence[CapturedStop]) -
     (k, 3).
     """
     size = STOP_SHARE * max(volume.size_mm) * 1e-3
-<<<<<<< HEAD
-    lines = [
-        _line_entity(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
-        _line_entity(LINE_STRIP, route, BLUE),
-    ]
-=======
->>>>>>> d4e7119b1cf5f93591c192970b0a57d3c3ad661b
     spheres = [
         {
             "pose": {**_NOWHERE, "position": _metres(stop.position_mm)},
@@ -71,8 +64,8 @@ def _volume_and_route(volume: Volume, route: bytes) -> list[dict[str, Any]]:
     route_mm = np.frombuffer(route).reshape(-1, 3).tolist()
     drawn_mm = route_mm if len(route_mm) <= MOST_DRAWN else [route_mm[0], route_mm[-1]]
     return [
-        _lines(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
-        _lines(LINE_STRIP, drawn_mm, BLUE),
+        _line_entity(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
+        _line_entity(LINE_STRIP, drawn_mm, BLUE),
     ]
 
 
