@@ -178,8 +178,8 @@ def test_the_state_fits_a_screen_and_verbose_prints_every_doubt(
     whole = stepdiag("status", file, "--verbose").out
     assert len(lines) <= 30 < len(whole.splitlines())
     # a path is one word, and as long as the folder of the test
-        own = [line for line in lines if "`" not in line and str(tmp_path) not in line]
-        assert max(map(len, own)) <= 80
+    own = [line for line in lines if "`" not in line and str(tmp_path) not in line]
+    assert max(map(len, own)) <= 80
     (next_,) = (at for at, line in enumerate(lines) if line.startswith("next: "))
     assert next_ < next(at for at, line in enumerate(lines) if "setup" in line and "stops" in line)
     assert all(f"{4.0 - at:+.1f} µm" in whole for at in (-2, -5, -7))
