@@ -107,7 +107,7 @@ deb: $(VENV)/.ready ## packages for Debian 12, 13 and Ubuntu 24.04 on amd64 and 
 docs: $(VENV)/.ready ## the documentation as a site, into .setup/site/; a link that leads nowhere ends it
 	tools/docs .setup/docs
 	UV_PROJECT_ENVIRONMENT=.setup/docs-venv $(UV) sync --frozen --quiet --only-group docs --no-install-project --python $(PYTHON)
-	.setup/docs-venv/bin/mkdocs --quiet build --strict
+	NO_MKDOCS_2_WARNING=1 .setup/docs-venv/bin/mkdocs --quiet build --strict
 
 clean: ## all that this Makefile made
 	rm -rf $(VENV) $(TEST_VENV) $(MUTANTS_VENV) .mutants .tools .setup dist build $(RELEASE)

@@ -37,7 +37,9 @@ handshake = true
 [laser]
 optics = 1
 noise_um = 0.2
+chunk_s = 0.005
 """
+"""The laser sends every 5 ms: readings that wait in an instrument are not the daemon's time."""
 SURVEY = """
 [survey]
 name = "bench"

@@ -12,9 +12,9 @@ from pathlib import Path
 def main() -> None:
     """Run the daemon, or any other command of the command line.
 
-    The solver's matrices are small: numpy's threads would wait for each other, spinning, for seven
-    times the work, and for more beside a busy neighbour. Sums in a fixed order are also the same on
-    every computer.
+    The solver's matrices are small: with several threads numpy takes seven times the processor
+    time, because the threads wait for each other in a loop. Sums in a fixed order are also the same
+    on every computer.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from stepdiag.base.disk.system import LINUX

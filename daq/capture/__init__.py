@@ -1,5 +1,5 @@
 """The common code of live and replay: from events to captured stops.
 
 In: events in the order of their recording, and the log's start record. Out: stops, findings, the
-end of a pass. Imported by replay and recording; no files, no ports, no clock of its own.
+end of a pass. Imported by replay and recording; uses no files, no ports and no clock.
 """

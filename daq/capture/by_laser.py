@@ -30,14 +30,14 @@ LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
 """The span of time before now, in ns, in which a standstill is searched."""
 PAUSE_NS = 500_000_000
-"""Shortest time in ns between two plateaus at the same level; with less time between them they are
-a single shaken standstill.
+"""Shortest time in ns between two standstills at the same level; plateaus closer in time are one
+standstill that was shaken.
 """
 ENDING_NS = 1_000_000_000
 """Time in ns after a lost count during which the stops before the loss are still captured."""
 LONG = 2.5
-"""A standstill that lasts this number of dwells is captured before it ends: after the last stop the
-machine may stand for ever.
+"""A standstill that lasts this number of dwells is captured before it ends, because the machine may
+stay at the last stop without limit.
 """
 
 
@@ -149,7 +149,9 @@ class ByLaser:
         if not len(span.time_ns):
             return []
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
-        found = _marked(span) if self._marked else _joined(_plateaus(span, self._least_s), span)
+        found = (
+            _marked(span) if self._marked else _without_shakes(_plateaus(span, self._least_s), span)
+        )
         over = []
         for stand, following in zip(found, [*found, None][1:], strict=True):
             left = lost or following is not None or self._has_left(span, stand)
@@ -283,9 +285,9 @@ def _marked(span: Span) -> list[_Stand]:
     return found
 
 
-def _joined(parts: list[_Stand], span: Span) -> list[_Stand]:
-    """Return the parts, with the parts of a single standstill joined: between them the machine was
-    shaken and did not move.
+def _without_shakes(parts: list[_Stand], span: Span) -> list[_Stand]:
+    """Return the parts; parts of one standstill, between which the machine was shaken but did not
+    move, are joined.
     """
     found: list[_Stand] = []
     for part in parts:

@@ -476,14 +476,16 @@ class Capture:
         )
 
     def _reading_mm(self, dwell: Dwell) -> float | None:
-        """Return what the laser reads at the first dwell; None where nothing, or where its count
-        does not reach back to the log before."""
+        """Return the laser's reading at the first dwell; None without a reading, or if the count
+        was broken since the log before.
+        """
         taken = self._windows(dwell, self.laser)
         return taken[0].window.mean_mm if taken and self._taker.reaches_back(taken, dwell) else None
 
     def _windows(self, dwell: Dwell, placing: Placing) -> list[Taken]:
-        """Return the windows of a dwell. The finder, the cause and the stop ask in turn for those
-        of the laser, which change with its samples alone."""
+        """Return the windows of a dwell. Finder, cause and stop need the laser's standstills in
+        turn; these change only with new samples.
+        """
         if placing is not self.laser:
             return certain_windows(placing, dwell, self._survey.stop)
         asked = dwell.from_ns, dwell.to_ns, self.laser.samples, len(self.laser.breaks)

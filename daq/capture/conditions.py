@@ -104,8 +104,9 @@ class Judged:
 
 
 def is_sensed(survey: Survey) -> bool:
-    """Return whether the laser or a sensor sends air and material: without them `with_air` has
-    nothing to do."""
+    """Return whether the laser or a sensor sends air and material; otherwise `with_air` changes
+    nothing.
+    """
     return survey.environment.source == "laser" or bool(promised(survey))
 
 
@@ -274,11 +275,13 @@ class Conditions:
         if name in self._credible or name not in self._needed:
             return []
         unit, stated = COURSES[name].unit, getattr(self._environment, name)
-        counts = _value(stated, unit)
+        counts = _with_unit(stated, unit)
         if math.isnan(value):
             return [message("air-unknown.silent", name=CONDITIONS[name], stated=counts)]
         return [
-            message("air-unknown", name=CONDITIONS[name], read=_value(value, unit), stated=counts)
+            message(
+                "air-unknown", name=CONDITIONS[name], read=_with_unit(value, unit), stated=counts
+            )
         ]
 
     def _found(self, name: str, value: float, time_s: float) -> Message:
@@ -286,13 +289,17 @@ class Conditions:
         last, unit = self._credible.get(name), COURSES[name].unit
         if last is None or not _possible(name, value):
             return message(
-                "no-hall-has", name=CONDITIONS[name], read=_value(value, unit), low=low, high=high
+                "no-hall-has",
+                name=CONDITIONS[name],
+                read=_with_unit(value, unit),
+                low=low,
+                high=high,
             )
-        before, ago_s = _value(last.value, unit), time_s - last.time_s
+        before, ago_s = _with_unit(last.value, unit), time_s - last.time_s
         return message(
             "reads-after",
             name=CONDITIONS[name],
-            read=_value(value, unit),
+            read=_with_unit(value, unit),
             before=before,
             ago_s=ago_s,
         )
@@ -303,10 +310,12 @@ class Conditions:
         if math.isnan(value):
             if last is None:
                 return message(
-                    "conditions-held.silent", name=CONDITIONS[name], stated=_value(stated, unit)
+                    "conditions-held.silent", name=CONDITIONS[name], stated=_with_unit(stated, unit)
                 )
             return message(
-                "conditions-held.silent-held", name=CONDITIONS[name], held=_value(last.value, unit)
+                "conditions-held.silent-held",
+                name=CONDITIONS[name],
+                held=_with_unit(last.value, unit),
             )
         unit_of, signal = self._unit(name, value), self._signals.get(name)
         if unit_of and signal is not None:
@@ -314,29 +323,29 @@ class Conditions:
             return message(
                 "conditions-held.unit",
                 name=CONDITIONS[name],
-                read=_value(value, unit),
+                read=_with_unit(value, unit),
                 unit=unit_of,
                 hpa=value * UNITS_HPA[unit_of],
                 line=f"plc.signals.{name}.scale",
                 value=f"{scale:.6g}",
-                stated=_value(stated, unit),
+                stated=_with_unit(stated, unit),
             )
         found, key = (
             self._found(name, value, time_s),
             cast('Literal["conditions-held.implausible", "sensor-jump"]', code),
         )
         if last is None:
-            return message("conditions-held.never", found=found, stated=_value(stated, unit))
+            return message("conditions-held.never", found=found, stated=_with_unit(stated, unit))
         u = self._reach(name, time_s) / math.sqrt(3.0)
         return message(
             key,
             found=found,
-            held=_value(last.value, unit),
+            held=_with_unit(last.value, unit),
             u=message("with-unit", value=u, unit=unit),
         )
 
 
-def _value(value: float, unit: str) -> Message:
+def _with_unit(value: float, unit: str) -> Message:
     return message("value", value=value, unit=unit)
 
 

@@ -312,7 +312,7 @@ class StopTaker:
         stop = msgspec.structs.replace(stop, count=count)
         wrong = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else None
         if again:
-            outcomes.append(_joined(walk, stop.stop, broken, unwatched))
+            outcomes.append(_bridged_break(walk, stop.stop, broken, unwatched))
         elif broken and walk.started:
             outcomes.append(walk.finding("error", stop.stop, message("beam-lost", why=broken)))
         elif wrong is not None:
@@ -375,7 +375,7 @@ def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
     ]
 
 
-def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
+def _bridged_break(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
     """Return the remark on a break that has no effect."""
     words = (
         message("beam-lost.bridged", why=broken)

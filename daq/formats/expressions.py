@@ -129,16 +129,16 @@ class _Text:
         match node:
             case ast.BoolOp(op=op, values=values):
                 sides = [self._of("bit", side) for side in values]
-                return _joined(sides, decided_by=isinstance(op, ast.Or))
+                return _several_bits(sides, decided_by=isinstance(op, ast.Or))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 inner = self._of("bit", operand)
                 return Expression("bit", inner.names, lambda *read: _not(inner.value(*read)))
             case ast.Compare(left=left, ops=[sign], comparators=[right]):
                 return _compared(self._of("word", left), self._of("word", right), sign)
             case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as figure)):
-                return _number(-figure)
+                return _figure(-figure)
             case ast.Constant(value=int() | float() as figure):
-                return _number(figure)
+                return _figure(figure)
             case ast.Call(func=ast.Name(id="latch"), args=[ast.Name() as held], keywords=[]):
                 return _latch(self._name(held), self._of("word", held))
             case ast.Name() if self._name(node) not in _WORDS:
@@ -193,7 +193,7 @@ def _as_python(word: str) -> str:
     return re.sub(r"^0+(?=\d)", "", word).rjust(len(word))
 
 
-def _number(figure: float) -> Expression:
+def _figure(figure: float) -> Expression:
     return Expression("word", frozenset(), lambda _inputs, _memory: float(figure))
 
 
@@ -218,7 +218,7 @@ def _latch(name: str, word: Expression) -> Expression:
     return Expression("word", word.names, kept)
 
 
-def _joined(sides: Sequence[Expression], *, decided_by: bool) -> Expression:
+def _several_bits(sides: Sequence[Expression], *, decided_by: bool) -> Expression:
     """Return both or either of several bits: a bit equal to ``decided_by`` settles the result, even
     if another is unknown. Every operand is read, because its latches must be updated.
     """

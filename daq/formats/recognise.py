@@ -1,7 +1,8 @@
-"""Recognition of the sending instrument by its first bytes: every format without a description is
-tried on them.
+"""Recognition of the sending instrument by its first bytes: every format that needs no description
+in the survey file is tried.
 
-And the messages about a stream without readings: `check` and the journal of a daemon show them.
+And the messages about a stream without readings: `check` and the journal of the daemon show these
+bytes.
 """
 
 from collections.abc import Iterator

@@ -137,15 +137,15 @@ def plan_reads(
     one request is needed, the signals of standing are requested first and last: the machine may
     leave between two requests, and only values read while the machine stood belong to a stop.
     """
-    ranges = _joined(signals)
+    ranges = _read_ranges(signals)
     telling = {name: signals[name] for name in standing if name in signals}
     if not telling or len(ranges) < 2:
         return tuple(ranges)
     ranges.sort(key=lambda asked: not any(_holds(asked, spec) for spec in telling.values()))
-    return (*ranges, *_joined(telling))
+    return (*ranges, *_read_ranges(telling))
 
 
-def _joined(signals: SignalMap) -> list[ReadRange]:
+def _read_ranges(signals: SignalMap) -> list[ReadRange]:
     """Return the ranges that hold every signal, ordered by table and address."""
     ranges: list[ReadRange] = []
     for spec in sorted(signals.values(), key=lambda spec: (spec.table, spec.address)):
@@ -165,7 +165,9 @@ def _holds(asked: ReadRange, spec: SignalSpec) -> bool:
 
 
 def _joins(last: ReadRange, spec: SignalSpec) -> bool:
-    limit = MAX_BITS if spec.in_bit_table else MAX_BYTES if spec.in_byte_table else MAX_REGISTERS
+    limit = MAX_BYTES if spec.in_byte_table else MAX_REGISTERS
+    if spec.in_bit_table:
+        limit = MAX_BITS
     touches = spec.table == last.table and spec.address <= last.address + last.count
     return touches and spec.address + spec.width - last.address <= limit
 
@@ -187,6 +189,7 @@ class SignalDecoder:
         self._expressions = expressions
         self._memory = Memory()
         self._ranges: tuple[ReadRange, ...] = ()
+        self._lengths: tuple[int, ...] = ()
         self._places: dict[str, tuple[_Found, ...]] = {}
         self._kept: dict[str, tuple[list[bytes], bool | int | float | None]] = {}
         self._data: tuple[bytes, ...] | None = None
@@ -203,10 +206,11 @@ class SignalDecoder:
                 self._places = {
                     name: _find(name, spec, block.ranges) for name, spec in self._signals.items()
                 }
+                self._lengths = tuple(asked.byte_count for asked in block.ranges)
                 self._data, self._kept = None, {}
             self._ranges = block.ranges
         if block.data != self._data:
-            _check_lengths(block)
+            _check_lengths(block, self._lengths)
             values = {
                 name: self._value(name, block.data)
                 for name in self._signals
@@ -238,7 +242,7 @@ class SignalDecoder:
         """Return the value of a signal from its bytes in each range that holds it."""
         spec = self._signals[name]
         numbers = [
-            _number(spec, own, place)
+            _raw_number(spec, own, place)
             for (_, place, _), own in zip(self._places[name], raw, strict=True)
             if own
         ]
@@ -268,7 +272,7 @@ class SignalDecoder:
         answer, place, cut = self._places[name][which]
         if not data[answer]:
             return None
-        value = _number(spec, data[answer][cut], place) * spec.scale + spec.offset
+        value = _raw_number(spec, data[answer][cut], place) * spec.scale + spec.offset
         return value if math.isfinite(value) else None
 
 
@@ -279,12 +283,12 @@ def _typed(name: str, value: float) -> int | float | None:
     return round(value) if name in COUNTED else float(value)
 
 
-def _check_lengths(block: ModbusBlock) -> None:
-    for asked, data in zip(block.ranges, block.data, strict=True):
-        if data and len(data) != asked.byte_count:
+def _check_lengths(block: ModbusBlock, lengths: tuple[int, ...]) -> None:
+    for asked, data, length in zip(block.ranges, block.data, lengths, strict=True):
+        if data and len(data) != length:
             raise DataError(
                 message("answer-for", place=f"{asked.table} {asked.address}"),
-                expected=message("expects-bytes", count=asked.byte_count),
+                expected=message("expects-bytes", count=length),
                 found=f"{len(data)}",
                 remedy=message("check-unit-gateway"),
             )
@@ -320,7 +324,7 @@ def _cut(spec: SignalSpec, place: int) -> slice:
     return slice(unit * place, unit * (place + spec.width))
 
 
-def _number(spec: SignalSpec, raw: bytes, place: int) -> float:
+def _raw_number(spec: SignalSpec, raw: bytes, place: int) -> float:
     """Return the number of a signal from its own bytes, before scale and offset."""
     if spec.in_bit_table:
         return raw[0] >> place % 8 & 1

@@ -159,8 +159,8 @@ class Recorder:
         return admitted
 
     def note(self, note: Note) -> None:
-        """Take a note. While the disk is too slow, notes are dropped: a replay makes them again
-        from the events.
+        """Take a note. While the disk is too slow, notes are discarded, because a replay computes
+        them again from the events.
         """
         if self._state != "dead" and self._backlog <= self._limit:
             self._put(1000, note)

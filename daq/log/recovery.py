@@ -127,7 +127,7 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
             remedy=message("log-not-overwritten"),
         )
     try:
-        messages = _write(path, target, end)
+        messages = _write_mended(path, target, end)
     except OSError as error:
         raise UsageError(
             str(target), expected=message("file-can-be-written"), found=system_words(error)
@@ -142,7 +142,7 @@ def _end_of(end: LogEnd | None) -> LogEnd:
     return end
 
 
-def _write(path: Path, target: Path, end: LogEnd) -> int:
+def _write_mended(path: Path, target: Path, end: LogEnd) -> int:
     target.with_name(target.name + _SUFFIX).unlink(missing_ok=True)
     file = PartFile(target, _SUFFIX)
     try:

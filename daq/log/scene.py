@@ -6,8 +6,12 @@ for a long pass its newest stops.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.captured_stop import CapturedStop
@@ -27,18 +31,14 @@ _NOWHERE = {
 }
 
 Point = Sequence[float]
+Route = NDArray[np.float64]
 
 
-def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[CapturedStop]) -> Note:
-    """Return the scene after the newest stop; ``route_mm`` are the planned stops of its pass, each
-    (3,).
+def scene_note(volume: Volume, route_mm: Route, stops: Sequence[CapturedStop]) -> Note:
+    """Return the scene after the newest stop; ``route_mm`` are the planned stops of its pass, shape
+    (k, 3).
     """
-    route = route_mm if len(route_mm) <= MOST_DRAWN else (route_mm[0], route_mm[-1])
     size = STOP_SHARE * max(volume.size_mm) * 1e-3
-    lines = [
-        _lines(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
-        _lines(LINE_STRIP, route, BLUE),
-    ]
     spheres = [
         {
             "pose": {**_NOWHERE, "position": _metres(stop.position_mm)},
@@ -52,10 +52,21 @@ def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[Captur
         "frame_id": FRAME,
         "id": "survey",
         "frame_locked": True,
-        "lines": lines,
+        "lines": _volume_and_route(volume, route_mm.tobytes()),
         "spheres": spheres,
     }
     return Note(VOLUME_TOPIC, now, {"deletions": [], "entities": [entity]})
+
+
+@lru_cache(maxsize=2)
+def _volume_and_route(volume: Volume, route: bytes) -> list[dict[str, Any]]:
+    """Return the lines of a pass, which all its stops share."""
+    route_mm = np.frombuffer(route).reshape(-1, 3).tolist()
+    drawn_mm = route_mm if len(route_mm) <= MOST_DRAWN else [route_mm[0], route_mm[-1]]
+    return [
+        _line_entity(LINE_LIST, [point for edge in _edges(volume) for point in edge], GREY),
+        _line_entity(LINE_STRIP, drawn_mm, BLUE),
+    ]
 
 
 def _edges(volume: Volume) -> list[tuple[Point, Point]]:
@@ -74,7 +85,7 @@ def _edges(volume: Volume) -> list[tuple[Point, Point]]:
     ]
 
 
-def _lines(kind: int, points_mm: Sequence[Point], color: dict[str, float]) -> dict[str, Any]:
+def _line_entity(kind: int, points_mm: Sequence[Point], color: dict[str, float]) -> dict[str, Any]:
     return {
         "type": kind,
         "pose": _NOWHERE,

@@ -126,8 +126,9 @@ _STOP = {
     "relative_humidity_percent": NUMBER,
 }
 _SIGNALS = {
-    name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER
-    for name in SIGNAL_NAMES
+    **dict.fromkeys(SIGNAL_NAMES, NUMBER),
+    **dict.fromkeys((name for name in SIGNAL_NAMES if name in COUNTED), INTEGER),
+    **dict.fromkeys((name for name in SIGNAL_NAMES if name in SWITCHED), FLAG),
 }
 _PLACE = {
     "setup": TEXT,

@@ -21,8 +21,8 @@ from stepdiag.daq.passes.slips import (
 )
 
 CLEARLY = 0.5
-"""One pass of two is named where the step explains its own readings there twice as well as those of
-the other pass.
+"""Of two passes, the finding names one pass only if the step fits its readings at least twice as
+well as the readings of the other.
 """
 TELLS = 6.0
 """The steps of a single pass show only a step that exceeds them by this number of robust standard
@@ -127,8 +127,8 @@ def _seen_before(each: Pass, step: Step) -> bool:
 
 
 def _one_sided(each: Pass) -> int:
-    """Return the number of first stops of a pass at which an axis stood as on the way there: the
-    machine reversed at its first stop.
+    """Return the number of stops at the beginning of a pass at which not every axis has moved since
+    the machine reversed; 0 without a reversal at its first stop.
 
     There the reversal appears axis by axis; it is not an error of the count.
     """

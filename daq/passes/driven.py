@@ -49,7 +49,9 @@ class Pass:
     _visit: int = 0
     _zeros: Zeros | None = None
     _chosen: Chosen | None = None
-    _used: dict[int, Measured] = field(default_factory=dict)
+    _shown: Chosen = field(default_factory=dict)
+    _used: dict[int, tuple[Measured, float]] = field(default_factory=dict)
+    """The valid measurement of every stop, and the offset in mm of its zero."""
 
     def __post_init__(self, same_um: float) -> None:
         self._stretches.same_um = same_um
@@ -115,20 +117,24 @@ class Pass:
         doubt and with the most samples: the longest steady part.
         """
         if self._chosen is None:
+            zeros, before = self.zeros(), self._used
             self._used = {
-                index: each
+                index: (each, zeros[each.stretch].offset_mm)
                 for index, entries in sorted(self.measured.items())
                 if (each := self._best(entries)) is not None
             }
-            self._chosen = {
-                index: on_zero(entry.stop, self.zeros()[entry.stretch].offset_mm)
-                for index, entry in self._used.items()
+            # a new stop leaves the others of its pass as they are: the machine waits meanwhile
+            self._chosen = self._shown = {
+                index: self._shown[index]
+                if before.get(index) == used
+                else on_zero(used[0].stop, used[1])
+                for index, used in self._used.items()
             }
         return self._chosen
 
     def uses(self, stop: CapturedStop) -> bool:
         """Return whether a captured stop is the valid measurement of its place."""
-        return stop.stop in self.chosen() and self._used[stop.stop].stop is stop
+        return stop.stop in self.chosen() and self._used[stop.stop][0].stop is stop
 
     def _best(self, entries: list[Measured]) -> Measured | None:
         usable = [entry for entry in entries if entry.stretch in self.zeros()]
@@ -214,7 +220,7 @@ class Pass:
 
     def stretch_at(self, index: int) -> int | None:
         """Return the stretch of count of the measurement in use at a stop; None without one."""
-        return self._used[index].stretch if index in self.chosen() else None
+        return self._used[index][0].stretch if index in self.chosen() else None
 
     def cuts(self) -> dict[int, Unwatched]:
         """Return the unwatched times of the readings in use, by the stretch afterwards, for the
@@ -235,7 +241,7 @@ class Pass:
             self._zeros = self._chosen = None
 
     def _zero_at(self, index: int) -> Zero | None:
-        return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None
+        return self.zeros().get(self._used[index][0].stretch) if index in self.chosen() else None
 
     def doubt(self, index: int) -> Words:
         """Return why the reading in use at a stop may be wrong; empty without a doubt."""

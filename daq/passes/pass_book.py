@@ -163,7 +163,7 @@ class PassBook:
         """Return the reading of a stop in mm and its deviation from the geometry in um, relative to
         the first stop of its pass.
 
-        None where it reads nothing, or its count does not reach back to the first stop.
+        None without a reading, or if the count was broken since the first stop.
         """
         passes = [each for each in self.of(stop.setup) if each.route.outward == stop.outward]
         each = next((each for each in reversed(passes) if each.uses(stop)), None)
@@ -204,8 +204,8 @@ class PassBook:
         return not self.next_setup()
 
     def next_setup(self) -> str:
-        """Return the setup that comes next; empty when all setups are complete. A setup that was
-        begun comes before one that was not.
+        """Return the setup that comes next; empty when all setups are complete. A begun setup comes
+        before a setup without a pass.
         """
         first = [self.preferred, self.last.setup if self.last is not None else ""]
         for setup in first:

@@ -270,8 +270,8 @@ class Stretches:
         return False
 
     def misfit_um(self, zeros: Zeros) -> float | None:
-        """Return the disagreement on the shift of stops measured twice, where it keeps stretches
-        separate; None otherwise.
+        """Return the disagreement of the twice measured stops on the shift between two stretches,
+        if it is too large to join them; None otherwise.
         """
         apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(
             zeros

@@ -42,7 +42,7 @@ def tabulate(
         for one in sorted(counted, key=lambda one: -one.driven.number)
     }
     tables = [
-        _rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted
+        _pass_rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted
     ]
     begin = min((stop.time_s for each in used for stop in each.chosen().values()), default=0.0)
     return make_readings(
@@ -65,7 +65,7 @@ def tabulate(
     )
 
 
-def _rows(
+def _pass_rows(
     survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
 ) -> tuple[Vector, list[OnZero]]:
     """Return the corrected readings of a pass, relative to the first stop of the ``first`` pass on

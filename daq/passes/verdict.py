@@ -83,13 +83,8 @@ def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
 
 def _arguments(why: object) -> Iterator[object]:
     """Yield all arguments of a message and of the messages within it."""
-    for part in (
-        why.arguments.values()
-        if isinstance(why, Message)
-        else why
-        if isinstance(why, tuple)
-        else ()
-    ):
+    parts = tuple(why.arguments.values()) if isinstance(why, Message) else why
+    for part in parts if isinstance(parts, tuple) else ():
         yield part
         yield from _arguments(part)
 

@@ -84,8 +84,8 @@ class Handshake:
 
     def _in_vain(self, count: int, now_ns: int) -> bool:
         """Return whether the machine waits in vain: writing the answer fails, or the machine does
-        not read the answer. A machine that has read an answer before may stand for reasons of its
-        own.
+        not read the answer. A machine that has already read an answer may stand still for a reason
+        other than the handshake.
         """
         if count == self._written:
             return bool(self._refused) or (not self._worked and self._written_times >= MOST_TIMES)

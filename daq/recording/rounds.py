@@ -1,9 +1,8 @@
 """The folder of a survey on disk: a numbered folder per round, with its logs and, once complete,
 its results.
 
-<directory>/<name>/.lock            held by the daemon that records here
-<directory>/<name>/0001/0001.mcap   one log a pass
-<directory>/<name>/0001/result.json readings.csv, exports/, report.html: what came of it
+<directory>/<name>/.lock held by the daemon that records here <directory>/<name>/0001/0001.mcap one
+log a pass <directory>/<name>/0001/result.json readings.csv, exports/, report.html: the results
 """
 
 import errno

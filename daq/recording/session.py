@@ -187,8 +187,8 @@ class Session:
 
     @property
     def strip(self) -> Strip:
-        """Return the newest readings for display. The samples are decoded here: a chunk that
-        nothing displays waits for further chunks.
+        """Return the newest readings for display. The samples are decoded here; while no page
+        displays them, chunks are collected and decoded together.
         """
         self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
         return self._strip
@@ -520,9 +520,7 @@ class Session:
         self._drawn.append(stop)
         walk = self.capture.walk if self.capture is not None else None
         if walk is not None:
-            self._sink.note(
-                scene_note(self.survey.volume, walk.route.stops_mm.tolist(), self._drawn)
-            )
+            self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm, self._drawn))
 
     def _of_pass(self, found: Finding) -> Finding:
         """Return a finding of the recording with the number of its pass."""

@@ -12,7 +12,8 @@ class Settled:
     """Answers for one survey after another, and stores questions that come too early.
 
     While a log is open the answer is unknown: the log may bring another measurement of the doubtful
-    stop. The log may also end without a pass, and then no other event would repeat the question.
+    stop. The log may also end without a pass, and no later event would then check again whether the
+    survey is complete.
     """
 
     def __init__(self) -> None:

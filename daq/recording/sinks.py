@@ -39,7 +39,7 @@ class DirectSink:
         saved()
 
     def end(self, status: ExitStatus, reason: str = "") -> None:
-        """Finish the log, give it its name and wait for the disk."""
+        """Finish the log, rename it to its final name and wait until it is on the disk."""
         self._writer.finish(status, reason, {})
         self._file.drain()
         self._file.publish()

@@ -53,7 +53,7 @@ def require_such_lines(survey: Survey, source: str) -> float:
             found=repr(survey.laser.format),
             remedy=remedy,
         )
-    taken = laser_decoder(survey).feed(b"".join(_lines(np.array([0.0, 1.25]), 0)), 1)
+    taken = laser_decoder(survey).feed(b"".join(_series_lines(np.array([0.0, 1.25]), 0)), 1)
     if not np.array_equal(taken.position_mm * survey.laser.sign, [0.0, 1.25]):
         raise UsageError(
             f"{source}: laser.line.pattern",
@@ -113,11 +113,11 @@ def _chunks(series: Series) -> Iterator[Chunk]:
         yield Chunk(
             "laser",
             round((first + len(part)) / series.rate_hz * SECOND_NS),
-            b"".join(_lines(part, first)),
+            b"".join(_series_lines(part, first)),
         )
 
 
-def _lines(
+def _series_lines(
     positions_mm: "np.ndarray[tuple[int], np.dtype[np.float64]]", first: int
 ) -> Iterator[bytes]:
     return (

@@ -60,8 +60,9 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
     further: bool = False
 
     def while_open(self, to_drive: Iterable["DriveStatus"]) -> "AheadStatus":
-        """Return this advice, or none where its setup of the plan is in meanwhile: the next advice
-        takes its time."""
+        """Return this advice, or None if its setup has been recorded meanwhile; the next advice is
+        still being computed.
+        """
         stands = self.further or not self.setup or self.setup in {each.setup for each in to_drive}
         return self if stands else AheadStatus()
 
@@ -323,6 +324,6 @@ class StatusSource(Protocol):
 
         ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept``
         takes ``place`` (of a doubt), ``reason`` and ``name``; ``take`` puts the further setup that
-        is shown into the survey; the others take nothing. Raises UsageError where the present state
-        does not allow it, with what would.
+        is shown into the survey; the others take nothing. Raises UsageError, which names the
+        required state, if the present state does not allow the command.
         """

@@ -260,9 +260,14 @@ class Daemon:
             self._ended(outcome)
 
     def _captured(self, stop: CapturedStop) -> None:
-        """Report a stop as captured after it is safe in the log, so that the machine may move
-        on.
+        """Answer the machine after its stop is safe in the log, so that it may move on; everything
+        else comes after the answer.
         """
+        if self._handshake is not None:
+            self._handshake.captured(stop)
+        self._loop.call_soon(self._report, stop)
+
+    def _report(self, stop: CapturedStop) -> None:
         self.status_source.news()
         self._tally.stops += 1
         book = (
@@ -283,8 +288,6 @@ class Daemon:
             doubtful=str(stop.why()),
             waits_for=str(self.status_source.waits_for()),
         )
-        if self._handshake is not None:
-            self._handshake.captured(stop)
 
     def _ended(self, ended: Ended) -> None:
         """Report the result after the stops of the pass are reported: the last captured stop must
@@ -295,7 +298,9 @@ class Daemon:
             note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended)
         )
         self._loop.call_soon(self._complete_if_settled)
-        self._loop.call_soon(self._look_ahead)
+        # the beginning of a process stops the loop for ten milliseconds: the machine waits for the
+        # answer to its last stop meanwhile
+        self._loop.call_later(PUBLISH_S, self._look_ahead)
 
     # survey after survey
 
@@ -517,8 +522,8 @@ class Daemon:
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
-        """Write the live state beside the lock, in a thread that only writes; ``then`` is called
-        there.
+        """Write the live state beside the lock, in a thread that only writes; that thread calls
+        ``then`` at the end.
         """
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")

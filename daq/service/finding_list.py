@@ -47,11 +47,9 @@ def _is_missing(book: PassBook, found: Finding) -> bool:
 
 def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
     known = found.setup and found.pass_number is not None
-    place = (
-        f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}")
-        if known
-        else ""
-    )
+    place = f"{found.setup}/{found.pass_number}" if known else ""
+    if known and found.stop is not None:
+        place += f"/{found.stop}"
     facts = {
         "code": found.code,
         "severity": found.severity,

@@ -164,7 +164,7 @@ class DaemonStatusSource:
         )
 
     def figures(self) -> Figures:
-        """Return the daemon's present counts and measures of its own work."""
+        """Return the daemon's counters and the measures of its load."""
         working = self._at_work
         names = ("laser", "machine", "head", "air")
         health, session = working.recorder.health, working.session
@@ -244,7 +244,7 @@ class DaemonStatusSource:
             case "accept":
                 await self._accept(working.session, arguments)
             case "correct":
-                await working.correct(_line("name", arguments.get("name", "")))
+                await working.correct(_one_line("name", arguments.get("name", "")))
             case _:
                 self._order(name, arguments)
         self.news()
@@ -306,7 +306,7 @@ def _name(session: Session, arguments: Mapping[str, str]) -> None:
     """Record the names of operator and workpiece, if given."""
     for key in ("operator", "workpiece"):
         if key in arguments:
-            session.round.run[key] = _line(key, arguments[key])
+            session.round.run[key] = _one_line(key, arguments[key])
 
 
 def _abort(session: Session) -> None:
@@ -363,7 +363,7 @@ def _planned(session: Session, setup: str) -> str:
     return setup
 
 
-def _line(name: str, text: str) -> str:
+def _one_line(name: str, text: str) -> str:
     """Return a text in a form that stays on one line of a report. Raises UsageError for a text that
     does not.
     """

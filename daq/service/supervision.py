@@ -78,7 +78,9 @@ class Supervisor:
         self.disk = words
 
     def _look_at_clocks(self, interval_s: float) -> None:
-        """Report the facts behind the stamps of the open log, which stores them too."""
+        """Report the state of the clock and of the computer behind the time stamps; the open log
+        stores the report too.
+        """
         look = self._clocks.look()
         if look.set_by_s:
             _log.warning("clock-set", by_s=round(look.set_by_s, 1))

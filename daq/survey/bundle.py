@@ -38,11 +38,13 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
         names += [survey.proof.result, survey.proof.readings]
     names += profiles
     names += [survey.head.calibration if survey.head is not None else "", *survey.machine.active]
-    bundle = {name: _read(here / name, survey_file.name) for name in dict.fromkeys(names) if name}
+    bundle = {
+        name: _read_bounded(here / name, survey_file.name) for name in dict.fromkeys(names) if name
+    }
     _refuse_too_much(bundle, survey_file.name)
     for profile in profiles:
         for table in _tables_of(bundle[profile]):
-            bundle[f"{profile}//{table}"] = _read((here / profile).parent / table, profile)
+            bundle[f"{profile}//{table}"] = _read_bounded((here / profile).parent / table, profile)
             _refuse_too_much(bundle, survey_file.name)
     return bundle
 
@@ -139,7 +141,7 @@ def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
         )
 
 
-def _read(path: Path, source: str) -> bytes:
+def _read_bounded(path: Path, source: str) -> bytes:
     return read_bytes(
         path,
         source,

@@ -145,13 +145,9 @@ def _plc(answers: Answers) -> str:
 
 
 def _settings(answers: Answers) -> list[tuple[str, str, str]]:
-    air = (
-        "laser"
-        if answers.laser_format in OWN_AIR
-        else "fixed"
-        if answers.control in _WITHOUT_AIR
-        else "plc"
-    )
+    air = "fixed" if answers.control in _WITHOUT_AIR else "plc"
+    if answers.laser_format in OWN_AIR:
+        air = "laser"
     return [
         ("survey", "name", _quoted(answers.name)),
         ("survey", "machine", _quoted(answers.machine)),

@@ -93,13 +93,13 @@ def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
             latency_s=laser.latency_s,
         )
     if laser.line is not None and laser.format == "line":
-        return _line(laser, laser.line)
+        return _line_settings(laser, laser.line)
     if laser.frames is not None and laser.format == "frames":
         return _frames(laser, laser.frames)
     return NdSettings(**msgspec.structs.asdict(laser.nd), **common)
 
 
-def _line(laser: Laser, line: LineSection) -> LineSettings:
+def _line_settings(laser: Laser, line: LineSection) -> LineSettings:
     return LineSettings(
         pattern=line.pattern,
         unit=line.unit,

@@ -197,7 +197,7 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return [
             name
             for name in names
-            if _at(tables, name) is None and (self.head.version > 1 or name in CURVES)
+            if _entry_at(tables, name) is None and (self.head.version > 1 or name in CURVES)
         ]
 
 
@@ -215,7 +215,7 @@ def require_measured(file: HeadFile, source: str) -> None:
         )
 
 
-def _at(tables: object, name: str) -> object:
+def _entry_at(tables: object, name: str) -> object:
     for part in name.split("."):
         tables = tables.get(part) if isinstance(tables, dict) else None
     return tables
@@ -297,25 +297,25 @@ def render_head_file(file: HeadFile) -> str:
         ),
         "",
     ]
-    lines += _table("head", file.head)
-    lines += _table("lever", file.lever)
+    lines += _section_lines("head", file.head)
+    lines += _section_lines("lever", file.lever)
     for name in get_args(DetectorName):
         detector = file.detector(name)
-        lines += _table(name, detector)
-        lines += _table(f"{name}.x", detector.x)
-        lines += _table(f"{name}.y", detector.y)
-    lines += _table("light", file.light)
-    lines += _table("crosstalk", file.crosstalk)
+        lines += _section_lines(name, detector)
+        lines += _section_lines(f"{name}.x", detector.x)
+        lines += _section_lines(f"{name}.y", detector.y)
+    lines += _section_lines("light", file.light)
+    lines += _section_lines("crosstalk", file.crosstalk)
     for name, measured in sorted(file.measured.items()):
-        lines += _table(f'measured."{name}"', measured)
+        lines += _section_lines(f'measured."{name}"', measured)
     if file.uncertainty.of:
-        lines += _table("uncertainty", file.uncertainty)
+        lines += _section_lines("uncertainty", file.uncertainty)
     text = "\n".join(lines)
     parse_head_file(text.encode("utf-8"), "calibration")
     return text
 
 
-def _table(name: str, table: msgspec.Struct | None) -> list[str]:
+def _section_lines(name: str, table: msgspec.Struct | None) -> list[str]:
     if table is None:
         return []
     fields = msgspec.structs.asdict(table)
@@ -324,12 +324,12 @@ def _table(name: str, table: msgspec.Struct | None) -> list[str]:
         for key, value in fields.items()
         if value is not None and not isinstance(value, msgspec.Struct)
     }
-    return [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in plain.items()), ""]
+    return [f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in plain.items()), ""]
 
 
-def _value(value: object) -> str:
+def _toml_value(value: object) -> str:
     if isinstance(value, tuple):
-        return "[" + ", ".join(map(_value, value)) + "]"
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
     if isinstance(value, float):
         return repr(
             float(value)

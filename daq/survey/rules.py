@@ -95,10 +95,10 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
                 survey.head.calibration,
                 remedy,
             )
-    yield from _lines(survey, source)
+    yield from _shifted_lines(survey, source)
 
 
-def _lines(survey: Survey, source: str) -> Iterator[UsageError]:
+def _shifted_lines(survey: Survey, source: str) -> Iterator[UsageError]:
     """Check the setups that are driven on another line than the usual one."""
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
@@ -202,7 +202,7 @@ def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
             message("add-laser-line-with"),
         )
     elif laser.format == "line" and laser.line is not None:
-        yield from _line(laser.line, source)
+        yield from _line_pattern(laser.line, source)
     else:
         yield from _settings(survey, source)
 
@@ -220,7 +220,7 @@ def _in_the_name_of(source: str, refusal: UsageError) -> UsageError:
     return UsageError(where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy)
 
 
-def _line(line: LineSection, source: str) -> Iterator[UsageError]:
+def _line_pattern(line: LineSection, source: str) -> Iterator[UsageError]:
     try:
         groups = line_pattern(line.pattern, f"{source}: laser.line.pattern").groupindex
     except UsageError as refusal:
@@ -412,7 +412,7 @@ def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
                 name,
                 message("signals-stand-plc-signals"),
             )
-        yield from _place(f"plc.inputs.{name}", spec, source)
+        yield from _signal_place(f"plc.inputs.{name}", spec, source)
     for name, text in plc.expressions.items():
         field, wanted = f"plc.expressions.{name}", "bit" if name in SWITCHED else "word"
         if name not in (*SWITCHED, *COUNTED):
@@ -439,7 +439,7 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
     field = f"plc.signals.{name}"
     if name not in SIGNAL_NAMES:
         yield unknown_key(source, field, name, list(SIGNAL_NAMES))
-    yield from _place(field, spec, source)
+    yield from _signal_place(field, spec, source)
     if spec.type == "bit" and name not in (*SWITCHED, "heartbeat"):
         yield refuse(
             source,
@@ -452,7 +452,7 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
         yield refuse(source, f"{field}.scale", message("1-offset-0-signal"), spec.scale)
 
 
-def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
+def _signal_place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
     """Check the place and the type of a signal or an input."""
     if spec.in_bit_table and spec.type != "bit":
         yield refuse(source, f"{field}.type", message("bit-table", table=spec.table), spec.type)

@@ -48,7 +48,7 @@ class Look:
 
 
 class ClockWatch:
-    """Reads the clocks now and then."""
+    """Compares the two clocks of the host at intervals."""
 
     def __init__(self) -> None:
         self._seen_ns = now_ns()

@@ -10,7 +10,8 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from itertools import groupby, pairwise, takewhile
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,10 @@ class Span:
     unusable: int
 
 
+Timed = tuple[Samples, SampleClock]
+"""A batch, and the clock of its times."""
+
+
 class StreamBuffer:
     """Decodes a stream, keeps its clock, its newest samples and every loss of count."""
 
@@ -83,7 +88,7 @@ class StreamBuffer:
         self._clock = self._new_clock(decoder.nominal_rate_hz)
         self._waiting: list[tuple[bytes, int]] = []
         self._waiting_bytes = 0
-        self._batches: deque[tuple[Samples, SampleClock]] = deque()
+        self._batches: deque[Timed] = deque()
         self._notices: dict[Words, Notice] = {}
         self._conditions: dict[str, float] = {}
         self._conditions_ns: dict[str, int] = {}
@@ -208,7 +213,7 @@ class StreamBuffer:
         if not chosen:
             empty = np.zeros(0)
             return Span(time_ns=empty, position_mm=empty, beam=empty, channels=None, unusable=0)
-        times = np.concatenate([self._times(batch, clock) for batch, clock in chosen])
+        times = self._times(chosen)
         arrivals = np.concatenate([batch.arrival_ns for batch, _ in chosen])
         inside = (
             (times >= from_ns)
@@ -235,9 +240,8 @@ class StreamBuffer:
         near = self._around(time_ns - UNWATCHED_NS, time_ns + UNWATCHED_NS)
         if not self._decoder.gaps_visible or not near:
             return None
-        off_ns = [np.abs(self._times(batch, clock) - time_ns) for batch, clock in near]
-        nearest = int(np.argmin([np.min(off) for off in off_ns]))
-        return int(near[nearest][0].counter[int(np.argmin(off_ns[nearest]))])
+        nearest = int(np.argmin(np.abs(self._times(near) - time_ns)))
+        return int(np.concatenate([batch.counter for batch, _ in near])[nearest])
 
     def drained(self) -> list[tuple[NDArray[np.float64], Samples]]:
         """Return all stored samples with their times in ns, and discard them: for the decoding of a
@@ -245,24 +249,21 @@ class StreamBuffer:
         """
         self._settle()
         batches, self._batches, self._kept = self._batches, deque(), 0
-        return [(self._times(batch, clock), batch) for batch, clock in batches]
+        return [(self._times([each]), each[0]) for each in batches]
 
     def flags(self, from_ns: float, to_ns: float) -> NDArray[np.uint16]:
         """Return the flags of all samples taken in the closed span of time, usable or not, shape
         (n,)."""
-        parts = [
-            batch.flags[
-                (times >= from_ns)
-                & (times <= to_ns)
-                & (batch.arrival_ns >= from_ns)
-                & (batch.arrival_ns <= to_ns + ARRIVAL_SLACK_NS)
-            ]
-            for batch, clock in self._around(from_ns, to_ns)
-            for times in (self._times(batch, clock),)
-        ]
-        return np.concatenate([np.zeros(0, dtype=np.uint16), *parts])
+        near = self._around(from_ns, to_ns)
+        if not near:
+            return np.zeros(0, dtype=np.uint16)
+        times = self._times(near)
+        arrivals = np.concatenate([batch.arrival_ns for batch, _ in near])
+        inside = (times >= from_ns) & (times <= to_ns)
+        inside &= (arrivals >= from_ns) & (arrivals <= to_ns + ARRIVAL_SLACK_NS)
+        return np.concatenate([batch.flags for batch, _ in near])[inside]
 
-    def _around(self, from_ns: float, to_ns: float) -> list[tuple[Samples, SampleClock]]:
+    def _around(self, from_ns: float, to_ns: float) -> list[Timed]:
         """Return the batches that may hold samples of a span, from the newest back: most requests
         concern new samples.
         """
@@ -297,10 +298,18 @@ class StreamBuffer:
         if len(batch):
             self._remember(batch, arrival_ns)
 
-    def _times(self, batch: Samples, clock: SampleClock) -> NDArray[np.float64]:
+    def _times(self, batches: list[Timed]) -> NDArray[np.float64]:
+        """Return the times of all samples of at least one batch: one line for all batches of a
+        clock, because a standstill has a batch for every chunk.
+        """
         if self._polled:
-            return batch.arrival_ns.astype(np.float64)
-        return clock.times_ns(batch.counter)
+            return np.concatenate([batch.arrival_ns for batch, _ in batches]).astype(np.float64)
+        return np.concatenate(
+            [
+                clock.times_ns(np.concatenate([batch.counter for batch, _ in of_clock]))
+                for clock, of_clock in groupby(batches, key=itemgetter(1))
+            ]
+        )
 
     def _heed(self, notice: Notice, arrival_ns: int) -> None:
         if notice.code == "rate" and notice.value != self._rate_hz:
@@ -403,8 +412,8 @@ LOSSES: Mapping[Flag, Message] = {
 
 
 def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last unwatched time: one of each has the same effect as
-    many.
+    """Return the last loss of count and the last unwatched time; several have the same effect as
+    the last.
     """
     return tuple({event.watched: event for event in breaks}.values())
 

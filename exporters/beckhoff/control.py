@@ -5,9 +5,9 @@ TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cr
 P-COMP-00004 to 00007) and TF5280 volumetric compensation (296429067, 296390283, 296423819,
 296426379) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, according to a
 worked example. The volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate``
-can reverse. No page states the sense of the cross value, so the program asks for it. With ``chain``
-the volumetric file holds all errors: components, angles with their levers in the kernel's own model
-of the axes, and the squarenesses.
+can reverse. No public page states the sense of the cross value, so the profile has to state it.
+With ``chain`` the volumetric file holds all errors: components, angles with their levers in the
+kernel's own model of the axes, and the squarenesses.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -80,8 +80,8 @@ def render(
     )
     if slopes_rad:
         lines += [
-            _row(list(slopes_rad)),
-            _row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()]),
+            _csv_row(list(slopes_rad)),
+            _csv_row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()]),
         ]
     places = decimals + _FINER if slopes_rad else decimals
     for letter in "XYZ":
@@ -99,11 +99,11 @@ def render(
         if along is None:
             continue
         lines += ["#"] if any(not line.startswith("//") for line in lines) else []
-        lines.append(_row([letter, *block, *turns]))
+        lines.append(_csv_row([letter, *block, *turns]))
         for index, at in enumerate(along.position_mm):
             cells = [fixed(value[index], places) for value in block.values()]
             cells += [fixed(value[index], RAD_DECIMALS) for value in turns.values()]
-            lines.append(_row([shortest(float(at)), *cells]))
+            lines.append(_csv_row([shortest(float(at)), *cells]))
     return ascii_lines([*lines, _END.decode("ascii")])
 
 
@@ -135,7 +135,7 @@ def recognises(file: ControlFile) -> bool:
     errors.
     """
     try:
-        head = next(_lines(file), ("", []))[1]
+        head = next(_csv_lines(file), ("", []))[1]
     except DataError:
         return False
     if head and all(map(_POSITION_ERROR.match, head)):
@@ -173,7 +173,7 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
                 where, expected=message("rows-rising"), found=message("count-rows", count=len(rows))
             )
         tables += _columns(file, block, values, profile, how)
-    return _joined(tables, squareness, file, profile, how)
+    return _with_squareness(tables, squareness, file, profile, how)
 
 
 def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]:
@@ -197,7 +197,7 @@ def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]
     return {name: value for name, value in values.items() if value}
 
 
-def _joined(
+def _with_squareness(
     tables: Sequence[Table],
     squareness: Mapping[str, float],
     file: ControlFile,
@@ -299,7 +299,7 @@ def _numbers(cells: Sequence[str], count: int, where: str) -> list[float]:
 
 def _blocks(file: ControlFile) -> list[Rows]:
     blocks: list[Rows] = [[]]
-    for where, cells in _lines(file):
+    for where, cells in _csv_lines(file):
         if cells[0].startswith("#"):
             blocks.append([])
         else:
@@ -314,11 +314,11 @@ def _blocks(file: ControlFile) -> list[Rows]:
     return blocks
 
 
-def _lines(file: ControlFile) -> Iterator[tuple[str, list[str]]]:
+def _csv_lines(file: ControlFile) -> Iterator[tuple[str, list[str]]]:
     for where, line in read_lines(file):
         if cells := line.partition("//")[0].split():
             yield where, cells
 
 
-def _row(cells: Sequence[str]) -> str:
+def _csv_row(cells: Sequence[str]) -> str:
     return " ".join(cell.ljust(_WIDTH) for cell in cells).rstrip()

@@ -172,7 +172,7 @@ def _ssfk(
     bilateral = _whole(file, values, "kw.ssfk.bilateral", 0)
     for direction, column in ((1, "pos"), (-1, "neg")) if bilateral else ((0, "pos"),):
         value_um = _column(file, values, "kw.ssfk", column, count) * QUANTUM_UM
-        yield _table(
+        yield _axis_table(
             file, "ssfk", (letter, letter), (position, value_um), profile, senses, direction
         )
 
@@ -199,12 +199,12 @@ def _cross(
     count = _count(file, values, "kw.crosscomp.last_index") + 1
     position = _column(file, values, "kw.crosscomp", "setpoint", count) / _UNITS_PER_MM
     value_um = _column(file, values, "kw.crosscomp", "correction", count) * QUANTUM_UM
-    return _table(
+    return _axis_table(
         file, "crosscomp", (letters[master], letter), (position, value_um), profile, senses, 0
     )
 
 
-def _table(
+def _axis_table(
     file: ControlFile,
     kind: str,
     axes: tuple[str, str],

@@ -28,7 +28,9 @@ from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 _ROUNDS = 12
-"""Nine functions, and the functions that move because of them: more rounds change nothing."""
+"""Largest number of rounds: each of nine functions can move once, so further rounds change
+nothing.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -132,17 +132,17 @@ def _tables(case: Case, plan: Plan) -> Iterator[str]:
         yield from (
             "",
             f"TABLE {table.label}, one unit is {table.quantum_um:g} µm",
-            *_rows(case, table),
+            *_report_rows(case, table),
         )
     for table in plan.listed:
         yield from (
             "",
             f"NOT IN ANY FILE: {table.label}, one unit is {table.quantum_um:g} µm",
-            *_rows(case, table),
+            *_report_rows(case, table),
         )
 
 
-def _rows(case: Case, table: Table) -> Iterator[str]:
+def _report_rows(case: Case, table: Table) -> Iterator[str]:
     yield from (f"  {row}" for row in case.controller.readable(table, case.profile))
 
 

@@ -37,7 +37,9 @@ def identity_findings(
         yield warning("units-not-metric.machine")
     used = found_in(masters, msgspec.structs.replace(options, straightness_option=True))
     acting = [
-        name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)
+        name
+        for name, one in used.items()
+        if any(_parameter_number(masters, key, None) for key in one.values)
     ]
     if acting and not options.straightness_option and not options.straightness:
         yield warning("machine-file-differs.straightness", names=acting)
@@ -52,7 +54,7 @@ def _axis(
     profile: Profile,
     options: FanucOptions,
 ) -> Iterator[Finding]:
-    name = _number(masters, AXIS_NAME, axis.number)
+    name = _parameter_number(masters, AXIS_NAME, axis.number)
     if name is not None and name != ord(letter):
         shown = chr(name) if 32 < name < 127 else str(name)
         yield error(
@@ -78,8 +80,8 @@ def _axis(
             letter=letter,
         )
     reference, highest = (
-        _number(masters, REFERENCE_POINT, axis.number),
-        _number(masters, HIGHEST_POINT, axis.number),
+        _parameter_number(masters, REFERENCE_POINT, axis.number),
+        _parameter_number(masters, HIGHEST_POINT, axis.number),
     )
     if highest and reference is not None and reference != axis.reference_point:
         yield error(
@@ -116,7 +118,7 @@ def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | 
     )
 
 
-def _number(masters: Sequence[PunchFile], number: int, axis: int | None) -> int | None:
+def _parameter_number(masters: Sequence[PunchFile], number: int, axis: int | None) -> int | None:
     text = _text(masters, number, axis)
     whole = None if text is None else text.removesuffix(".0").removesuffix(".").removeprefix("-")
     return int(whole) if whole is not None and whole.isdecimal() else None

@@ -80,7 +80,7 @@ def found_in(files: Sequence[PunchFile], options: FanucOptions) -> dict[str, Str
     found: dict[str, StraightnessNumbers] = {}
     for one in sets_in(files) if options.straightness_option else ():
         moving, compensated = (
-            letters.get(_number(files, key)) for key in (one.moving, one.compensated)
+            letters.get(_set_number(files, key)) for key in (one.moving, one.compensated)
         )
         if moving is not None and compensated is not None and moving != compensated:
             found[f"E{compensated}{moving}"] = one
@@ -91,7 +91,7 @@ def _keys(numbers: StraightnessNumbers) -> tuple[int, ...]:
     return numbers.moving, numbers.compensated, *numbers.points, *numbers.values
 
 
-def _number(files: Sequence[PunchFile], key: int) -> int:
+def _set_number(files: Sequence[PunchFile], key: int) -> int:
     texts = [text for file in files if (text := file.parameter(key, None)) is not None]
     return int(texts[0]) if texts and texts[0].lstrip("-").isdigit() else -1
 

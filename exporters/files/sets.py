@@ -41,7 +41,7 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
     try:
         target = folder.resolve()
         if not _stands_there(target, everything):
-            _place(target, everything)
+            _rename_into_place(target, everything)
     except OSError as error:
         raise UsageError(
             str(folder), expected=message("folder-writable"), found=system_words(error)
@@ -201,7 +201,7 @@ def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
     )
 
 
-def _place(target: Path, files: Sequence[ControlFile]) -> None:
+def _rename_into_place(target: Path, files: Sequence[ControlFile]) -> None:
     """Write the files beside the target and move them there with one renaming."""
     with folder_made(target.parent), part_of(target) as part:
         for file in _restore_first(files):

@@ -82,7 +82,7 @@ def render(
         }
         cells |= {axis: _signed(float(column[index]), decimals) for axis, column in values.items()}
         cells |= {column: each[index] for column, each in more.items()}
-        rows.append(_row(heading, cells, _signed(0.0, decimals), name))
+        rows.append(_com_row(heading, cells, _signed(0.0, decimals), name))
     datum = (
         f"  DATUM:{_signed(float(grid[0]), decimals)} "
         f"DISTANCE:{_signed(float(grid[1] - grid[0]), decimals)}"
@@ -117,7 +117,7 @@ def render_assignment(
 ) -> ControlFile:
     """Return the .CMA file with an active line that calls the table of each axis in ``named``."""
     heading = _heading(["NR", "ACTIVE", *axes], ".CMA", profile)
-    row = _row(heading, {"NR": "0", "ACTIVE": "*", **named}, "", name)
+    row = _com_row(heading, {"NR": "0", "ACTIVE": "*", **named}, "", name)
     return ControlFile(
         name=name, data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE)
     )
@@ -139,7 +139,7 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
     """Return the tables of a .COM file, one per axis with a column, and the tables of C1 to C6.
     Raises ``DataError``.
     """
-    begin, columns, rows = _read(file)
+    begin, columns, rows = _com_cells(file)
     index = {column: place for place, column in enumerate(columns)}
     where = f"{file.name}: heading"
     axes = [
@@ -240,7 +240,7 @@ def _kinematics(
 def read_assignment(file: ControlFile) -> dict[str, str]:
     """Return the table that the active line calls, by axis. Raises ``DataError`` unless exactly one
     line is active."""
-    _, columns, rows = _read(file, free_cells=True)
+    _, columns, rows = _com_cells(file, free_cells=True)
     active = [cells for _, cells in rows if "*" in cells]
     if columns[:2] != ["NR", "ACTIVE"] or len(active) != 1:
         raise DataError(
@@ -266,7 +266,7 @@ def _positions(
     return position
 
 
-def _read(
+def _com_cells(
     file: ControlFile, *, free_cells: bool = False
 ) -> tuple[re.Match[str], list[str], list[tuple[str, list[str]]]]:
     """Return first line, column names, and the cells of each row with its place.
@@ -320,7 +320,7 @@ def _heading(columns: Sequence[str], ending: str, profile: Profile) -> str:
     return "".join(column.ljust(_WIDTHS.get(column, _WIDTH)) for column in columns)
 
 
-def _row(heading: str, cells: Mapping[str, str], empty: str, name: str) -> str:
+def _com_row(heading: str, cells: Mapping[str, str], empty: str, name: str) -> str:
     starts = [(match.group(), match.start()) for match in re.finditer(r"\S+", heading)]
     row = ""
     for column, start in starts:

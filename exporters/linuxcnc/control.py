@@ -437,7 +437,7 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
             found=message("none"),
             remedy=message("maybe-cut"),
         )
-    rows = np.array(list(_rows(file)))
+    rows = np.array(list(_comp_rows(file)))
     if not 2 <= len(rows) <= MOST_ROWS:
         raise DataError(
             file.name, expected=message("2-rows", most_rows=MOST_ROWS), found=str(len(rows))
@@ -462,7 +462,7 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
     ]
 
 
-def _rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
+def _comp_rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
     """Yield the rows; a line that the control would read as the end of the file is refused."""
     last = -np.inf
     for where, line in read_lines(file):

@@ -114,12 +114,12 @@ class Mitsubishi:
         counting = int(profile.options_as(MitsubishiOptions).data == "incremental")
         lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
         for table in tables:
-            lines += _lines(table, profile)
+            lines += _data_lines(table, profile)
         return (ControlFile(name=_NAME, data=ascii_lines([*lines, _END.decode("ascii")], "\r\n")),)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of such a list."""
-        return tuple(table for file in files for table in _read(file, profile))
+        return tuple(table for file in files for table in _data_tables(file, profile))
 
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
@@ -150,7 +150,7 @@ class Mitsubishi:
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
         """Return the parameters as text for typing in."""
-        return tuple(_lines(table, profile))
+        return tuple(_data_lines(table, profile))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps for the service engineer."""
@@ -250,7 +250,7 @@ def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield info("sign-untested.component-data")
 
 
-def _lines(table: Table, profile: Profile) -> list[str]:
+def _data_lines(table: Table, profile: Profile) -> list[str]:
     base = 4000 + 10 * (int(table.place["pair"]) - 1)
     first, count = int(table.place["first data"]), len(table.position_mm)
     origin = int(np.argmin(np.abs(table.position_mm - table.reference_mm)))
@@ -281,7 +281,7 @@ def _shifted(units: Sequence[int], origin: int, table: Table) -> list[int]:
     return [*units[1 : origin + 1], 0, *units[origin + 1 :]]
 
 
-def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
+def _data_tables(file: ControlFile, profile: Profile) -> Iterator[Table]:
     return _pairs(file.name, _values(file), profile)
 
 

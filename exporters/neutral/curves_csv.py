@@ -2,8 +2,8 @@
 coordinates.
 
 The only form without a control's law: the numbers are ``e = actual - commanded`` relative to the
-reference position. Read back, they are applied as an error; a person who types them into a control
-must ensure this effect.
+reference position. When read back, the curves count as the error; a person who types them into a
+control must choose the sign so that the control subtracts them.
 """
 
 from collections.abc import Sequence
@@ -128,7 +128,7 @@ def _tables(file: ControlFile, profile: Profile) -> list[Table]:
         )
     groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for where, line in lines[1:-1]:
-        name, direction, at, value = _row(where, line)
+        name, direction, at, value = _curve_row(where, line)
         points = groups.setdefault((name, direction), [])
         if points and at <= points[-1][0]:
             raise DataError(
@@ -136,19 +136,19 @@ def _tables(file: ControlFile, profile: Profile) -> list[Table]:
             )
         points.append((at, value))
     return [
-        _table(name, direction, np.array(points), profile, file.name)
+        _curve_table(name, direction, np.array(points), profile, file.name)
         for (name, direction), points in groups.items()
     ]
 
 
-def _row(where: str, line: str) -> tuple[str, int, float, float]:
+def _curve_row(where: str, line: str) -> tuple[str, int, float, float]:
     cells = line.split(",")
     if len(cells) != 4 or cells[0] not in FUNCTIONS or cells[1] not in ("0", "1", "-1"):
         raise DataError(where, expected=message("function-exx-ezz-direction"), found=repr(line))
     return cells[0], int(cells[1]), finite(cells[2], where), finite(cells[3], where)
 
 
-def _table(
+def _curve_table(
     name: str,
     direction: int,
     points: np.ndarray[tuple[int, int], np.dtype[np.float64]],

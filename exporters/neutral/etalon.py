@@ -77,12 +77,14 @@ def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector
     """
     axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
     at = result.errors[name].position_mm
-    turns = np.column_stack([_at(result.errors.get(f"E{turn}{name[2]}"), at) for turn in "ABC"])
+    turns = np.column_stack(
+        [_function_at(result.errors.get(f"E{turn}{name[2]}"), at) for turn in "ABC"]
+    )
     moved: Vector = np.cross(turns, mask[axis] * origin)[:, component] * 1e-3
     return moved
 
 
-def _at(function: Function | None, at: Vector) -> Vector:
+def _function_at(function: Function | None, at: Vector) -> Vector:
     known = function is not None and function.value is not None
     return (
         np.interp(at, function.position_mm, function.value)  # type: ignore[arg-type]
@@ -100,7 +102,7 @@ def parse(file: ControlFile, chain: str) -> Result:
     for any other file, ``UsageError`` for a wrong chain.
     """
     mask = abbe_mask(chain)
-    values, functions = _read(file)
+    values, functions = _etalon_blocks(file)
     missing = [name for name in ("EXX", "EYY", "EZZ") if name not in functions]
     if missing:
         raise DataError(
@@ -196,13 +198,13 @@ def _volume(functions: Mapping[str, Vector], where: str) -> Volume:
     )
 
 
-def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
+def _etalon_blocks(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     """Return the values and the functions of the blocks, positions rising."""
     values: dict[str, float] = {}
     functions: dict[str, Vector] = {}
     name = ""
     rows: list[list[float]] | None = None
-    for where, line in _lines(file):
+    for where, line in _etalon_lines(file):
         if (block := _BLOCK.match(line)) and rows is None:
             name = block[1]
             if (
@@ -240,7 +242,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     return values, functions
 
 
-def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
+def _etalon_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
     for where, line in read_lines(file):
         if text := line.partition("//")[0].strip():
             yield where, text

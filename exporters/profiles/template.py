@@ -15,8 +15,8 @@ _COMMON = """\
 [machine]
 name = "?"                    # how this machine is called in your shop
 controller = "{name}"
-# "off" or "on": was a compensation active while measuring? As the survey says, or the export is
-# refused
+# "off" or "on": was a compensation active while measuring? An answer that differs from the survey
+# refuses the export
 measured_with = "?"
 # units = "mm"                # length unit of the control: "mm" or "inch"
 # "mean": one table for both directions and a reversal value in the report; "both": a table for

@@ -92,8 +92,8 @@ class Fanuc(Dialect):
         return [f"M00 {self.comment(text)}"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a move with G54 at zero: machine coordinates at feed, because G53 gives them only
-        in rapid.
+        """Return a move at feed in machine coordinates, by G54 set to zero: G53 moves only in
+        rapid.
         """
         x, y, z = position
         return f"G09 G01 X{x} Y{y} Z{z} F{feed}"

@@ -36,7 +36,9 @@ MOST_CLIENTS = 8
 LONGEST_FRAME = 260
 AXES = "xyz"
 USUAL = {"material-c": 20.0, "air-c": 20.0, "pressure-hpa": 1013.25, "humidity-percent": 50.0}
-"""The hall's values until a sensor is connected to these pins; `stepdiag check` shows them."""
+"""Values of air and material that are sent until a sensor is connected to these pins; `stepdiag
+check` shows them.
+"""
 
 
 class Block:
@@ -77,7 +79,7 @@ class Block:
         self._pins["captured"] = float(count)
 
     def _look(self) -> None:
-        """Query the state of the control, rarely enough to be of no cost to it."""
+        """Query the state of the control at intervals that do not load it."""
         if time.monotonic() - self._looked_s < STATUS_S:
             return
         self._looked_s = time.monotonic()

@@ -358,5 +358,7 @@ def _unknown_um(result: Result, function: str) -> float:
     over its positions; 0 for an unknown function.
     """
     found = result.errors.get(function[:3])
-    u = None if found is None else found.u if found.u_readings is None else found.u_readings
+    if found is None:
+        return 0.0
+    u = found.u if found.u_readings is None else found.u_readings
     return 0.0 if u is None else 2.0 * rms(u)

@@ -2,8 +2,8 @@
 machine's own files: number by number, with switches and weights.
 
 A loading that ended half-way, an old file that was loaded again, a forgotten switch: the control's
-own numbers show each of these faults, and no statement does. The comparison uses the tables as the
-control's law reads them from both sides, within half a unit.
+own numbers show each of these faults, and no statement does. Written and read tables are compared
+as the control applies them, within half a unit of the file.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

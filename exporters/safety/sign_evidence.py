@@ -39,9 +39,7 @@ FOLLOWS_UM, FOLLOWS = 2.0, 0.6
 come from another line of the volume, or from another temperature.
 """
 HALF = 0.5
-"""Share of a bump, or of a curve, above which the run contains it: half way between none and all of
-it.
-"""
+"""Share of a bump or of a curve above which the run contains it (half of the whole)."""
 NOISE_UM = 0.1
 """The least scatter of readings."""
 SURE = 0.3

@@ -24,11 +24,15 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Sense, Table, correction_um
 
 HEIGHT_UM = 10.0
+"""Height of the bump in um: well above the repeatability of a machine, well below the limits of the
+safety checks.
+"""
 SLOPE_UM_MM = 0.2
 """Length of a flank of the bump: long enough for the safety checks."""
 _LEFT_BEYOND = 0.5
 """Largest share of the expected movement that may remain beyond a bump."""
 _NO_MOVEMENT = 0.05
+"""Share of the expected movement below which the table is not active."""
 _SIZE = (0.525, 1.9)
 """Share of the expected movement at which a sense is accepted: from 0.5 to 2, with a margin for the
 error of a reading, because both factors have possible causes.

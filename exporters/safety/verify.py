@@ -48,6 +48,9 @@ Correction = Callable[[Vector], Vector]
 """A function from commanded points (N, 3) in mm to the correction there in um."""
 STRETCH: Final = "stretch-worse"
 CLEARLY = 1.02
+"""Ratio of the error after to the error before above which the files make the machine worse:
+smaller increases are within the prediction.
+"""
 ROUNDING_UM = 0.3
 """Largest increase of the rms of an error by the rounding of tables in units of 1 um."""
 NODES = 11

@@ -68,12 +68,12 @@ def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Tabl
                 found=f"${item.name}[{','.join(item.index)}]",
             )
     return tuple(
-        _table(key, values.get(key, {}), heads.get(key, {}), profile, sense, file.name)
+        _cec_table(key, values.get(key, {}), heads.get(key, {}), profile, sense, file.name)
         for key in sorted(values | heads)
     )
 
 
-def _table(
+def _cec_table(
     key: str,
     points: dict[int, Assignment],
     head: Mapping[str, Assignment],

@@ -259,8 +259,9 @@ class Siemens:
         tables by number, linked as stored.
 
         A multiplying table acts by itself once its multiplied table is overwritten: nothing takes
-        it out. Where tables acted while measuring, those acted whose switches in the own files are
-        on; loading switches on what it writes, with the axis of a CEC table.
+        it out. If tables were active while measuring, those with a set switch in the own files were
+        active. Loading sets the switches of the tables that it writes, and of the axis of a CEC
+        table.
         """
         held: dict[tuple[str, str], Table] = {}
         written: set[tuple[str, str]] = set()

@@ -51,12 +51,12 @@ def read_tables(file: ControlFile, profile: Profile) -> tuple[Table, ...]:
                 found=f"${item.name}[{','.join(item.index)}]",
             )
     return tuple(
-        _table(key, values.get(key, {}), heads.get(key, {}), profile, file.name)
+        _eec_table(key, values.get(key, {}), heads.get(key, {}), profile, file.name)
         for key in sorted(values | heads)
     )
 
 
-def _table(
+def _eec_table(
     key: tuple[str, str],
     points: dict[int, Assignment],
     head: dict[str, Assignment],

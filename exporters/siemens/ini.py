@@ -81,7 +81,7 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
     program = is_program(file)
     found: list[Assignment] = []
     ended = False
-    for where, line in _lines(file):
+    for where, line in _assignment_lines(file):
         if ended and not program:
             raise DataError(where, expected=message("after-end"), found=line)
         if match := _ASSIGNMENT.match(line):
@@ -115,7 +115,7 @@ def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
     ``SN_CEC_TABLE_ENABLE[0]``."""
     last: dict[str, str] = {}
     for file in files:
-        for _, line in _lines(file):
+        for _, line in _assignment_lines(file):
             if match := _SWITCH.match(line):
                 index = ",".join(part.strip() for part in match["index"].split(","))
                 last[f"{match['name']}[{index}]"] = match["value"].upper()
@@ -131,7 +131,7 @@ def require_full_effect(
     the last assignment is valid.
     """
     last: dict[str, tuple[str, str]] = {}
-    for where, line in _lines(file):
+    for where, line in _assignment_lines(file):
         if match := _SWITCH.match(line):
             index = ",".join(part.strip() for part in match["index"].split(","))
             last[f"{match['name']}[{index}]"] = (where, match["value"].upper())
@@ -154,7 +154,7 @@ def require_full_effect(
         )
 
 
-def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
+def _assignment_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
     """Yield place and text of every assignment line; comments and the bodies of loops are left
     out.
     """

@@ -2,11 +2,11 @@
 
 Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
 output axis (p. 245), and ``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by
-which table t is multiplied (p. 249). In the example of p. 252 a tilt along X1, times a straight
-line along Z1, is the only cause of X1's movement: so two linked tables give their product and no
-movement of their own. The manual does not state this explicitly. So both tables have similar
-values, a tenth of a millimetre, instead of an error and a factor of one. On a control that adds the
-tables themselves, the sign test moves the axis by this amount and reports it, without damage.
+which table t is multiplied (p. 249). In the example of p. 252 X1 moves only by the product of a
+tilt along X1 and a straight line along Z1: two linked tables apply their product, and neither table
+acts alone. The manual does not state this explicitly. So both tables have similar values, a tenth
+of a millimetre, instead of an error and a factor of one. On a control that adds the tables
+themselves, the sign test moves the axis by this amount and reports it, without damage.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -84,9 +84,9 @@ def chosen(
     """Return the most valuable curves and products within ``tables`` CEC tables (None: without a
     limit).
 
-    ``tables_of`` gives the number of CEC tables of each curve. A product takes a table, and another
-    for its lever, shared by products of the same lever and output axis. Omitted orthogonal parts
-    add up in squares: the selection with the smallest sum is used.
+    ``tables_of`` gives the number of CEC tables of each curve. A product needs one table, and a
+    second table for its lever, which all products of the same lever and output axis share. Omitted
+    orthogonal parts add up in squares: the selection with the smallest sum is used.
     """
     given = [product for product in products[:_MOST] if product.rms_um > 0.0]
     worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}
@@ -203,10 +203,10 @@ def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
                 expected=message("plain-table"),
                 found=f"$AN_CEC_MULT_BY_TABLE {times + 1}",
             )
-    return tuple(_joined(tables, by_number, linked))
+    return tuple(_linked_tables(tables, by_number, linked))
 
 
-def _joined(
+def _linked_tables(
     tables: Sequence[Table], by_number: Mapping[int, Table], linked: Mapping[int, int]
 ) -> Iterator[Table]:
     for table in tables:

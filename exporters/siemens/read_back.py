@@ -82,7 +82,7 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
             f"$MA_CEC_ENABLE[{output}]",
         ]
     for name in names:
-        yield _write(f'"{name}="<<{name}')
+        yield _write_line(f'"{name}="<<{name}')
     yield "IF FAULT<>0 GOTOF FULL"
 
 
@@ -91,7 +91,7 @@ def _named(variable: str, axis: str, label: str) -> tuple[str, ...]:
     over = f"NOT_{axis}_{label}"
     return (
         f"IF {variable}<>{axis} GOTOF {over}",
-        _write(f'"{variable}=({axis})"'),
+        _write_line(f'"{variable}=({axis})"'),
         f"{over}:",
     )
 
@@ -100,13 +100,13 @@ def _points(before: str, after: str, table: Table) -> tuple[str, ...]:
     text = f'"{before}"<<POINT<<"{after}="<<{before}POINT{after}'
     return (
         f"FOR POINT=0 TO {len(table.position_mm) - 1}",
-        _write(text),
+        _write_line(text),
         "IF FAULT<>0 GOTOF FULL",
         "ENDFOR",
     )
 
 
-def _write(text: str) -> str:
+def _write_line(text: str) -> str:
     return f"WRITE(FAULT,BACK,{text})"
 
 
@@ -129,7 +129,7 @@ def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
 
 
 def held_switches(files: Sequence[ControlFile]) -> dict[str, str]:
-    """Return what files hold of switches and weights, TRUE and FALSE as 1 and 0.
+    """Return the switches and weights in files, TRUE and FALSE as 1 and 0.
 
     Raises ``DataError`` with its name for a switch or weight that is neither one of these nor a
     number.

@@ -188,8 +188,8 @@ def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bo
 
 
 def held_lines(profile: Profile) -> Callable[[Table], list[str]]:
-    """Return the function that gives the assignments of the machine's own files at the place of a
-    table; none where they have none.
+    """Return a function from the place of a table to the assignments there in the machine's own
+    files, empty without any.
     """
     eec_lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
     cec_lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])

@@ -199,8 +199,8 @@ class Controller(Protocol):
         """Return the active tables after loading ``new`` into a control that held ``own``; without
         new files, the tables of ``own``.
 
-        A table gives way to a table on its seat (a number, a pair of axes, a file name, by the rule
-        of this control) and to nothing else. Raises ``DataError`` as `parse` does.
+        A loaded table replaces the table in the same place (a number, a pair of axes or a file
+        name, by the rule of this control), and no other. Raises ``DataError`` as `parse` does.
         """
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:

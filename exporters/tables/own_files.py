@@ -18,7 +18,9 @@ def lacking(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[Table, ...]:
-    """Return those of ``tables`` as zeros whose ``place`` none of the machine's own files holds."""
+    """Return, with all values zero, the ``tables`` whose ``place`` is in none of the machine's own
+    files.
+    """
     held = (
         {place(table) for table in controller.parse(profile.existing, profile)}
         if profile.existing

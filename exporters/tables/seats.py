@@ -1,5 +1,5 @@
-"""The contents of a control after files have been loaded over others: a table on the same seat is
-overwritten, the rest stays.
+"""The contents of a control after files have been loaded over others: a table in the same place is
+overwritten, the others stay.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Sequence

@@ -75,9 +75,11 @@ from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
+"""Largest number of rounds in which assumed sizes are increased, if they do not settle before."""
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
-"""Effects whose sizes are found before wrong stops are: none of them bends to hold a single
-stop."""
+"""Effects whose sizes are estimated before wrong stops are searched for, because none of them can
+follow a single wrong stop.
+"""
 FOUND = (*EFFECTS.values(), TRIAL)
 """Effects on a count that only a contradiction puts into the model."""
 SETTLED = 0.02
@@ -164,8 +166,9 @@ class Adjustment:
 
     @property
     def repaired_um(self) -> Vector:
-        """Return what each reading deviates without the steps of its count that were found, shape
-        (m,); NaN for a stop left out."""
+        """Return the deviation of each reading with the found steps of the count subtracted, shape
+        (m,); NaN for a stop left out.
+        """
         edges = np.cumsum([0, *(effect.count for effect in self.effects)])
         steps = sum(
             (
@@ -447,8 +450,8 @@ class _Task:
     def _fit_with_tilts(self) -> MixedFit:
         """Return the fit of the target for the tilts that it finds itself.
 
-        A step of millimetres would tilt a mirror by milliradians, and the terms of second order of
-        such a tilt bend the readings by micrometres: what was found of a count is taken off first.
+        Found steps of the count are subtracted first: a step of millimetres would appear as a
+        mirror tilt of milliradians, whose terms of second order reach micrometres.
         """
         fixed = fit(self.rows, self.design.blocks, self.target, self._weight())
         found = [effect for effect in self.effects if effect.name in FOUND]
@@ -535,8 +538,8 @@ class _Task:
         the values beside the targets, shape (m,).
 
         Mirror and beam lean together (theory 4.2): every reading is short by nu^2/2 of itself, and
-        the machine's errors are seen along the normal, not along the diagonal. Taking this off the
-        deviations leaves the rows, and what they cannot see, exact.
+        the machine's errors are seen along the normal, not along the diagonal. Subtracting this
+        from the deviations keeps the rows and their null space exact.
         """
         tilt_mrad = _tilts(self.design, unknowns, len(self.layout.setups))
         self._refuse_impossible(tilt_mrad)

@@ -16,7 +16,9 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 LEAST_ROWS = 3
-"""A count of no more readings has no step but those that are a wrong first or last stop."""
+"""In a count with at most this number of readings a step cannot be distinguished from a wrong first
+or last stop.
+"""
 MOST_WAVES = 48
 """Number of components of a random walk: they hold all but a hundredth of its variance, whatever
 its number of steps.

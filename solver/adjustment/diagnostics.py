@@ -30,9 +30,11 @@ TILT_LIMIT_MRAD = 2.0
 reach micrometres.
 """
 DRIFT_LIMIT_UM = 2.0
+"""Larger drifts are reported: a machine that is warm drifts less in an out-and-back pair."""
 IN_TIME = ("drift", "wander", "wandering pass")
 """Effects of the adjustment that change a count in the course of time."""
 NOISE_LIMIT_UM = 1.0
+"""Larger uncertainties of a single reading are reported: those of usual surveys are smaller."""
 FAR_NOISE = 10.0
 """Multiple of the limit that stops an export."""
 REPEATS_UM = 5.0

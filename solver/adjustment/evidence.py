@@ -69,11 +69,11 @@ PRIOR = {
     **dict.fromkeys((PRODUCT, PLACE, WALK, TURNED), 0.1),
 }
 """Prior probability that a survey has an explanation of a kind. Every second survey begins on a
-cold machine. Shops repeat a pass in one survey of three. In one survey of five a setup has a
-wavelength, an air or a target of its own. Rarer are a machine with products as large as its
-functions, a place where it leaves them, a pass that wanders and a head with the other sign. Of
-120 surveys with a setup 0 to 40 um/m off, 17 left more than was promised with 0.1 for a scale,
-10 with 0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
+cold machine. Shops repeat a pass in one survey of three. In one survey of five a setup differs from
+the others in wavelength, air or target. Rarer are a machine with products as large as its
+functions, a place where it leaves them, a pass that wanders and a head with the other sign. Of 120
+surveys with a setup 0 to 40 um/m off, 17 left more than was promised with 0.1 for a scale, 10 with
+0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
 """In one survey of a hundred two names are exchanged: a setup is twenty times as often of another
@@ -84,8 +84,9 @@ uncertainty."""
 SURE = 1.0 - 1.0 / ODDS
 """Probability promised by U: the same odds against a value beyond it."""
 HIDDEN = 1e-6
-"""A pattern of which the fit leaves less than this share is not separated from what is unknown
-already, and one that moves the volume by less harms nothing: the rest is rounding."""
+"""Smallest share of a pattern that the fit must leave in the residuals; below it the pattern cannot
+be separated from the unknowns, and a pattern that moves the volume by less is rounding.
+"""
 DECIMALS = 6
 """Log-odds beyond which the order of two explanations is chance."""
 
@@ -151,7 +152,9 @@ class Family:
 
     @property
     def size(self) -> Vector:
-        """Return the size of each explanation by itself, shape (c,); 0 where it is not seen."""
+        """Return the most likely size of each explanation taken alone, shape (c,); 0 where the
+        readings do not depend on it.
+        """
         found: Vector = np.where(
             self.seen > 0, self.shown / np.where(self.seen > 0, self.seen, 1.0), 0.0
         )
@@ -179,8 +182,8 @@ def visible(seen: Vector, whole: Vector) -> Vector:
 
 
 def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf) -> Evidence:
-    """Return the evidence, against no fault, of explanations with one pattern each, from their
-    shown and seen parts in a fit, shapes (c,).
+    """Return the evidence of explanations relative to "no fault". Each explanation is one pattern
+    with its ``shown`` and ``seen`` parts in a fit (see the module), shapes (c,).
 
     An unseen pattern has no evidence, and no size; no size exceeds ``most``.
     """

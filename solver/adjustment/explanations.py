@@ -63,7 +63,7 @@ from stepdiag.solver.model.effects import BESIDE, ONE_SCALE, ONE_WALK, Effect
 from stepdiag.solver.model.layout import Layout
 
 MOST_UM, MOST_UM_M = 50.0, 200.0
-"""Larger products or scales do not occur, and the search ends there."""
+"""Largest size searched: larger products or scales do not occur."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,8 +197,8 @@ def most_odds_beside(fit: MixedFit, layout: Layout) -> float:
 
 
 def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
-    """Return the effects that the adjustment leaves open outside the model: each explanation with
-    its spread, none where no kind is in the mixture.
+    """Return the effects outside the model that remain undecided: each explanation with its spread;
+    empty if no kind is in the mixture.
     """
     scales, products = found.of(SCALE), found.of(PRODUCT)
     of_scales = _of_setups(layout, found.named[scales])

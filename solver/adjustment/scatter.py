@@ -231,8 +231,8 @@ def separated(layout: Layout) -> NDArray[np.bool_]:
     """Return for every setup whether it separates noise from misses: most of its readings share the
     miss of a move with another reading, shape (setups,).
 
-    In a run along an axis each reading has a move of its own: there a large noise and a machine
-    that repeats badly are one pattern.
+    In a run along an axis each reading follows its own move, so noise and poor repeatability have
+    the same pattern there.
     """
     moved = np.where(layout.direction != 0.0, layout.arrival, -1)
     many = np.bincount(moved[moved >= 0], minlength=1)

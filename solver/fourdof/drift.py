@@ -79,11 +79,11 @@ def slow_drift(
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of the fast residual that also moves the spot, so that it is no noise, and
-    the uncertainty of this part, shapes (N,).
+    """Return the part of the fast residual that is real motion of the spot, not noise, and the
+    uncertainty of this part, shapes (N,).
 
-    If a part g of the rest belongs to the beam, the bends of the spot are g times the lever times
-    the bends of the rest: a regression gives g.
+    A share g of the residual may be motion of the beam; the second differences of the spot are then
+    g times those of lever times residual. A regression determines g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)

@@ -49,8 +49,8 @@ dead path of the lever in mm.
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
 """First index of each detector's gains, and of the lever, among `FIELDS`."""
 MOST_ROLL_MRAD = 500.0
-"""A larger roll means that the detector's axes are not those of the survey file; no mounting turns
-the detector so far.
+"""Largest possible roll of a mounted detector; a larger value means that the survey file names the
+wrong axes of the detector.
 """
 MOST_U_GAIN = 0.02
 """Standard uncertainty of a gain beyond which the wobble or the jogs were too small: the limit
@@ -146,13 +146,13 @@ def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: floa
     )
     return np.hstack(
         [
-            _read(parameters[first : first + 3], one)
+            _detector_reading(parameters[first : first + 3], one)
             for first, one in zip((QD, PSD1, PSD2), seen, strict=True)
         ]
     )
 
 
-def _read(detector: Vector, lateral: Vector) -> Vector:
+def _detector_reading(detector: Vector, lateral: Vector) -> Vector:
     """Return the readings of a detector of two gains and a roll in mrad, shape like ``lateral``:
     the inverse of `detector.spots`."""
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])
@@ -169,8 +169,8 @@ class _Step:
 def _gauss_newton(
     stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector
 ) -> tuple[_Step, Vector, Vector]:
-    """Return the next step, the weighted residuals without the pointing, and their leverage, the
-    part of the noise that they hide, both (N, 6).
+    """Return the next step, the weighted residuals without the pointing, and their leverage (the
+    share of the noise that the fit absorbs), both (N, 6).
     """
     still = np.zeros_like(stands.moved_um)
     base = _model(stands, parameters, still, middle_mm)
@@ -218,8 +218,8 @@ def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
 
 
 def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
-    """Return the standard deviation of every value, shape (N, 6): a jog has the same miss, however
-    long the machine stands there.
+    """Return the standard deviation of every value, shape (N, 6); averaging over a longer
+    standstill does not reduce the miss of a jog.
     """
     still = ~stands.jogged
     wobble = np.std(_centred(stands, stands.seen, still)[still], axis=0)
@@ -304,8 +304,8 @@ def _matrix(lateral: Vector, read: Vector) -> Vector:
 
 
 def _of_matrix(matrix: Vector, name: str) -> Vector:
-    """Return the two gains and the roll of a matrix. Raises DataError where its axes are not those
-    of the detector.
+    """Return the two gains and the roll of a matrix. Raises DataError if the axes in the survey
+    file are not those of the detector.
     """
     sizes = np.linalg.norm(matrix, axis=1)
     if not np.isfinite(sizes).all() or sizes.min() <= 0.0:

@@ -19,7 +19,11 @@ ROUNDS, ROUNDS_NEAR = 40, 4
 continues with the next weights.
 """
 LARGEST_STEP = 1.5
+"""Largest change of the logarithm of a size in one iteration: a longer step leaves the range of the
+quadratic approximation.
+"""
 SETTLED = 1e-3
+"""Changes of the logarithm below this value end the search: no figure of the result shows them."""
 FURTHEST = 7.0
 """Sizes stay within a factor e^7 of the usual: beyond, the logarithm has no information."""
 HEAD, TAIL = 0.5, 4.0
@@ -33,9 +37,7 @@ _NOTHING, _EXPLAINED = 1e-12, 1e-6
 leave: below it only rounding is left.
 """
 _MUCH_SMALLER = 0.5
-"""Share of the degrees of freedom below which a square sum is unusual: those of good surveys lie
-above it.
-"""
+"""Smallest usual square sum as a share of the degrees of freedom; good surveys lie above it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -159,7 +159,7 @@ def class_factors() -> Vector:
     """Return equally likely sizes, relative to the usual size, of a machine's unmeasured errors: a
     common size for all, shape (points,).
 
-    Their order is their own: the order of `likely_factors` has no relation to it.
+    The order of these sizes is independent of the order of `likely_factors`.
     """
     order = np.arange(POINTS) * (POINTS // 2) % POINTS
     sizes = np.exp(CLASS_SPREAD * normal_points(POINTS))

@@ -31,8 +31,8 @@ class Causes:
     ``taken`` (count, q): its image in the unknowns by the fit without causes; ``left`` (m, q):
     weighted residual of the pattern; ``scaled`` (m, q): its residual times the root of the weight;
     ``seen`` (q, q) = scaled.T @ scaled; ``shown`` (q,) = scaled.T @ scaled residual of the targets.
-    They are products of residuals, so that the unknowns' share of a pattern leaves no rounding
-    error of its own size.
+    They are products of residuals: the part of a pattern that the unknowns explain is removed
+    first, and leaves no large rounding error.
     """
 
     pattern: Vector

@@ -16,9 +16,9 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
-"""Ratio to the usual size of an ordinary machine: worn machines with 90 urad have 6 times the
-usual, and surveys of them show 7 times at most. A value that is certainly larger is not caused by
-the machine: in a small survey a wrong reading looks like large angles.
+"""Largest credible ratio to the usual size of an ordinary machine: worn machines with 90 urad have
+6 times the usual size, and their surveys show at most 7 times. A value that is certainly larger is
+not caused by the machine: in a small survey a wrong reading looks like large angles.
 """
 FEW_FREEDOM = 20
 """Surveys with three increments, driven once, have 13 degrees of freedom, with two increments 7.
@@ -37,7 +37,7 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
     expected = {}
     for name in shapes.names:
         own = shapes.causes_of(name)
-        at_nodes = np.zeros((len(share), len(found.fit.size)))
+        at_nodes = np.zeros((len(share), len(spread.fit.size)))
         at_nodes[:, first + own] = shapes.range_of(name) * shapes.at(share)
         none = Rows(
             np.zeros((len(share), 1), dtype=np.int64),
@@ -47,7 +47,7 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
         moved = spread.moved(none, at_nodes)
         expected[name] = Function(
             position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[2])),
-            value=at_nodes @ found.fit.amount,
+            value=at_nodes @ spread.fit.amount,
             u=deviation(spread.variance(moved)),
             unit="urad",
             u_readings=deviation(spread.variance_by_readings(moved)),

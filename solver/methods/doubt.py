@@ -1,4 +1,4 @@
-"""A survey that is more probably wrong than right: possible errors, their effects on the volume,
+"""The finding on a survey with a probable error: the possible errors, their effects on the volume,
 and the setup that separates them.
 """
 

@@ -68,6 +68,7 @@ from stepdiag.solver.model.reported import (
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
+from stepdiag.solver.uncertainty.smooth import BENDS, smoothed
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 
@@ -92,7 +93,7 @@ class Estimate:
         """Return the linear operator (q, m), quantities = gain @ deviation_um: with it, 200,000
         Monte Carlo trials are a single product.
         """
-        fit = self.adjustment.fit
+        fit = self.spread.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
         direct = fit.rows.times(spread) * fit.weight[:, None]
         through = fit.causes.left @ (
@@ -104,7 +105,7 @@ class Estimate:
     @property
     def covariance(self) -> Vector:
         """Return the covariance of all quantities, shape (q, q)."""
-        spread = self.adjustment.fit.inverse.solve(self.quantities.combination.dense().T)
+        spread = self.spread.fit.inverse.solve(self.quantities.combination.dense().T)
         moved = self.spread.moved(self.quantities.combination)
         matrix: Vector = (
             self.quantities.combination.times(spread) + moved @ self.spread.amount @ moved.T
@@ -147,14 +148,14 @@ def estimate(
     """
     adjustment = adjust(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
     found = reported(adjustment.design)
-    inverse = adjustment.fit.inverse
-    spread = spread_of(adjustment)
+    spread = smoothed(spread_of(adjustment), adjustment.design, found)
+    inverse = spread.fit.inverse
     moved = spread.moved(found.combination)
     alone = variance(found, inverse)
     return Estimate(
         adjustment=adjustment,
         quantities=found,
-        value=found.combination.times(adjustment.fit.unknowns),
+        value=found.combination.times(spread.fit.unknowns),
         u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # with a single increment a function has only its ends: the shape between them is zero and
@@ -227,6 +228,8 @@ def solve_estimate(
         "readings": _noise_text(found),
         **{effect.name: effect.text for effect in found.effects},
     }
+    if BENDS in done.spread.names:
+        texts[BENDS] = message("assumed-bends")
     shares: dict[str, float] = {}
     if layout.volume.solid:
         result, shares = _over_the_volume(result, done, resolved)
@@ -273,7 +276,7 @@ def _barely_seen(done: Estimate) -> Spread:
     """Return the covariances, in which quantities have their usual sizes where the readings
     determine them less well.
     """
-    determined = identified(done.quantities, done.adjustment.fit.inverse, {})
+    determined = identified(done.quantities, done.spread.fit.inverse, {})
     kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}
     return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
 
@@ -380,9 +383,9 @@ def backlash_numbers(done: Estimate) -> Backlashes | None:
             np.append(np.full(columns.nodes, 1.0 / (columns.nodes + 1)), 1.0)[None, :],
             columns.count,
         )
-        alone = mean.times(done.adjustment.fit.inverse.solve(mean.dense().ravel())).item()
+        alone = mean.times(done.spread.fit.inverse.solve(mean.dense().ravel())).item()
         u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean)).item()))
-        found[letter] = Backlash(value=mean.times(done.adjustment.fit.unknowns).item(), u=u)
+        found[letter] = Backlash(value=mean.times(done.spread.fit.unknowns).item(), u=u)
     return Backlashes(**found) if found else None
 
 

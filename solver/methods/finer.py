@@ -47,13 +47,13 @@ def finer(
     if not len(position_mm):
         return function
     rows = _between_rows(found, quantities, stands_as, position_mm, axis)
-    on_causes = np.zeros((len(position_mm), len(found.fit.size)))
+    on_causes = np.zeros((len(position_mm), len(spread.fit.size)))
     first = found.first_cause(BETWEEN)
     own = found.between.causes_of(name)
     on_causes[:, first + own.start : first + own.stop] = basis
     moved = spread.moved(rows, on_causes)
     alone = np.maximum(
-        np.sum(rows.dense() * found.fit.inverse.solve(rows.dense().T).T, axis=1), 0.0
+        np.sum(rows.dense() * spread.fit.inverse.solve(rows.dense().T).T, axis=1), 0.0
     )
     by_readings = spread.variance_by_readings(moved)
     order = np.argsort(np.concatenate([function.position_mm, position_mm]), kind="stable")
@@ -64,7 +64,9 @@ def finer(
     return replace(
         function,
         position_mm=joined(function.position_mm, position_mm),
-        value=joined(function.value, rows.times(found.fit.unknowns) + on_causes @ found.fit.amount),
+        value=joined(
+            function.value, rows.times(spread.fit.unknowns) + on_causes @ spread.fit.amount
+        ),
         u=joined(function.u, deviation(alone + np.maximum(spread.variance(moved), by_readings))),
         u_readings=joined(function.u_readings, deviation(alone + by_readings)),
     )

@@ -159,7 +159,7 @@ def head_report(
     `sizes_of`, and waves between the nodes at least the usual size. ``sign_hidden``: a wrong sign
     would not be noticed (`_sign_hidden`).
     """
-    rows = _rows(found, measured)
+    rows = _head_rows(found, measured)
     checked = _checked(found, sizes, rows)
     return {
         name: _of_function(
@@ -274,7 +274,7 @@ def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
     return whole.for_target(np.where(rows, -1.0, 1.0) * whole.fixed.target)
 
 
-def _rows(
+def _head_rows(
     found: Adjustment, measured: Sequence[MeasuredStraightness]
 ) -> dict[str, NDArray[np.bool_]]:
     """Return for each function the rows of the fit that belong to it: the head's passes follow the

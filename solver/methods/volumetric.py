@@ -77,7 +77,7 @@ def with_the_usual(
     """
     rows, u = usual_rows(quantities, known, found.assumed)
     return (
-        replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
+        replace(spread, fit=with_usual(spread.fit, found.design, rows, u)) if len(rows) else spread
     )
 
 
@@ -250,8 +250,8 @@ def budget(
     their combination.
 
     Shares are root mean squares over the nodes of a function; those over the ``volume`` come first
-    (`volume_shares_um`). An unidentified quantity has no share: its numbers would be those of an
-    arbitrary solution, and different on another processor.
+    (`volume_shares_um`). Unidentified quantities are left out, because their numbers depend on an
+    arbitrary choice of solution and differ between processors.
     """
     moved = spread.moved(quantities.combination)
     shares = {READINGS: u_readings, **spread.shares(moved)}
@@ -311,10 +311,10 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
     turning = wider.causes_of(*TURNING)
-    usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[wider.group]
+    usual = float(np.mean(found.shapes.range_urad)) * wider.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
     # the readings hold the angles unchanged: with small angles they would enlarge all other causes
-    sure = replace(found.sizes, sought=np.zeros_like(found.sizes.sought))
+    sure = replace(wider.sizes, sought=np.zeros_like(wider.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, found.first_cause("angles"), len(wider.group))
     fields = free_fields_um(machine, found.layout.volume, found.design.chain)

@@ -47,7 +47,7 @@ def parse_angles(text: str, source: str = "angles.csv") -> Angles:
     two positions.
     """
     table = read_table(text, source, ("axis", "position_mm", *ROTATION_COLUMNS))
-    rows = [_row(source, number, fields) for number, fields in table]
+    rows = [_angle_row(source, number, fields) for number, fields in table]
     angles: dict[str, KnownAngle] = {}
     for index, name in enumerate(ROTATIONS):
         axis, component = divmod(index, 3)
@@ -60,7 +60,7 @@ def parse_angles(text: str, source: str = "angles.csv") -> Angles:
     return angles
 
 
-def _row(source: str, number: int, fields: dict[str, str]) -> _Row:
+def _angle_row(source: str, number: int, fields: dict[str, str]) -> _Row:
     axis = fields["axis"].lower()
     if axis not in AXES:
         raise DataError(
@@ -106,11 +106,11 @@ def render_angles(angles: Angles) -> str:
         mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]
         for position in sorted({float(at) for known in mine if known for at in known.position_mm}):
             values = [
-                _at(known.position_mm, known.value_urad, position) if known else math.nan
+                _interpolated(known.position_mm, known.value_urad, position) if known else math.nan
                 for known in mine
             ]
             every_u = [
-                _at(known.position_mm, known.u_urad, position) if known else math.nan
+                _interpolated(known.position_mm, known.u_urad, position) if known else math.nan
                 for known in mine
             ]
             texts = ["" if math.isnan(u) else f"{u:.6f}" for u in every_u]
@@ -129,7 +129,7 @@ def render_angles(angles: Angles) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _at(position_mm: Vector, values: Vector, at_mm: float) -> float:
+def _interpolated(position_mm: Vector, values: Vector, at_mm: float) -> float:
     place = np.flatnonzero(position_mm == at_mm)
     return float(values[place[0]]) if len(place) else math.nan
 

@@ -145,7 +145,7 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         _drift_entries(layout, columns, pairs),
         _miss_entries(layout, columns),
     ]
-    rows = _rows(pieces, columns)
+    rows = _packed_rows(pieces, columns)
     return Design(
         volume=layout.volume,
         chain=chain,
@@ -163,12 +163,12 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
 def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
     """Return the effect of the machine's own unknowns on every reading of a layout, as
     `build_design` has it."""
-    return _rows(
+    return _packed_rows(
         [_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns
     )
 
 
-def _rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
+def _packed_rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
     return Rows(
         np.hstack([column for column, _ in pieces]),
         np.hstack([value for _, value in pieces]),
@@ -319,8 +319,8 @@ def _drift_entries(
 
 
 def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return three entries a row, none without misses: an axis stands beside its target by the miss
-    of its last move.
+    """Return three entries a row, one for the miss of each axis' last move; no entries where the
+    model has no misses.
     """
     if columns.count == columns.miss:
         return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))

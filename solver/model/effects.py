@@ -72,8 +72,8 @@ class AngleShapes:
     """The functions by which unknown angular errors are described: names in the order of their
     causes, ``waves`` half waves each.
 
-    Straight parts and long waves of all functions come first, the short waves of all after them:
-    these have a size of their own.
+    Straight parts and long waves of all functions come first, then the short waves of all; the size
+    of the short waves is estimated separately.
     """
 
     names: tuple[str, ...]
@@ -275,8 +275,9 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def growth_waves(layout: Layout) -> Vector:
-    """Return the exponentials in time about the mean of all readings, shape (m, time constants);
-    none without the times of all."""
+    """Return exponentials in time about the mean of all readings, shape (m, time constants); empty
+    unless every reading has a time.
+    """
     hours = layout.hours
     if not len(layout) or not np.all(np.isfinite(hours)) or np.ptp(hours) == 0.0:
         return np.zeros((len(layout), 0))
@@ -310,9 +311,9 @@ def _registers(layout: Layout) -> Effect:
     """Return the effect on the readings of positions that scatter in the registers alone while the
     machine stands still.
 
-    The deviations are relative to the reported positions. The laser shows the undetected part of
-    their scatter, from nothing (the axis really stood there) to all of it (amount 1): the scatter
-    while an axis stands, whose place cannot change, and the differences between the ends of its
+    The deviations are relative to the reported positions. The laser does not follow a scatter of
+    the registers alone. Its amount ranges from 0 (the axis really stood there) to 1 (registers
+    alone): it is the scatter while an axis stands, and the differences between the ends of its
     moves. A rounding that a program repeats at each target, or accumulates along its way, is not
     scatter.
     """

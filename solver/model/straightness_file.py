@@ -37,7 +37,7 @@ def parse_straightness(
         rows = [
             row
             for number, fields in table
-            if (row := _row(fields, name, f"{source}: line {number}")) is not None
+            if (row := _straightness_row(fields, name, f"{source}: line {number}")) is not None
         ]
         ways = sorted({row[0] for row in rows}, reverse=True)
         known += [
@@ -77,7 +77,9 @@ def _functions(columns: list[str], source: str) -> list[str]:
     return names
 
 
-def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, float, float] | None:
+def _straightness_row(
+    fields: dict[str, str], name: str, where: str
+) -> tuple[int, float, float, float] | None:
     """Return approach, position, value and uncertainty; None for a row without this function."""
     position = number_in(fields, "position_mm", where)
     approach = number_in(fields, "approach", where, optional=True)

@@ -7,8 +7,9 @@ Gaps of the printed text are filled as the paper intends (theory 3):
   of the axis' *position* from its low end (E6). An axis that runs backwards contributes with
   opposite sign and reversed order (E7); raw increments in the order of time would be wrong by tens
   of um.
-- lower-case x/R, y/R, z/R of Eqs 4-6 are the capitals (E8). In Eqs 12-13 X, Y, Z, R are the whole
-  travels and dR is the deviation from start to end in the direction of travel (E4, E6).
+- The lower-case x/R, y/R, z/R of Eqs 4-6 mean the capital letters X/R, Y/R, Z/R (E8). In Eqs 12-13
+  X, Y, Z, R are the whole travels and dR is the deviation from start to end in the direction of
+  travel (E4, E6).
 - The thetas have the sign of Eqs 12-13, which is the opposite of Eqs 9-11 (E3): theta_xy = -C0Y,
   theta_zx = +B0Z, theta_yz = -A0Z.
 

@@ -55,8 +55,8 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Largest ratio of both residues to the shape, for few increments: there the power laws give up to
-twice the residue of drawn functions over the volume.
+"""Upper limit of both residues relative to the shape, for few increments, where the power laws give
+up to twice the residue of drawn functions.
 """
 ALIKE = 0.2
 """Standard deviation of the logarithm of the joint residue of nine drawn functions of one shape

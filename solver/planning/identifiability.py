@@ -68,7 +68,8 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
     """Return which angular functions the readings determine in shape without any assumption on
     their size (theory 5.2).
 
-    Setups with a single beam line each cannot determine any: no computation is needed for them.
+    Surveys whose setups have a single beam line each determine none of these, so nothing is
+    computed.
     """
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()

@@ -45,8 +45,8 @@ LEAST_MISSED = 6
 LEAST_GAIN = 3e-3
 """Smallest gain of an exchange, as a share of the figure."""
 TOGETHER = 8
-"""Number of lines laid out at once: each has causes of its own, so that the patterns of all
-together are mostly zeros.
+"""Number of lines whose patterns are computed together; a larger number wastes memory on zeros,
+because no two lines share causes.
 """
 KEPT = 2
 """Number of choices whose covariance is kept: the next exchange begins with one of them."""
@@ -198,8 +198,8 @@ class _Through:
     across: Vector
 
     def without(self, line: int, factors: Vector) -> "_Through":
-        """Return the lines relative to the choice without one of its lines; ``across`` stays that
-        of the choice.
+        """Return the lines relative to the choice with one of its lines taken out; ``across`` is
+        unchanged.
         """
         count, rank, size = self.across.shape
         lost = np.linalg.inv(np.eye(rank) - self.inner[line])
@@ -557,8 +557,9 @@ class Search:
 
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
-    """Return the precision that runs of a head give pitch and yaw beside what is usual, by
-    unknown."""
+    """Return by unknown the precision that runs of a head add to pitch and yaw, in addition to that
+    of the usual sizes.
+    """
     shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
     known = about.head_ranges_urad(runs)

@@ -67,12 +67,12 @@ def sequel(
     driven = [survey.run_of(name) for name in done]
     todo = [run for run in survey.runs if run.setup not in done]
     awaited = {run.travel.base for run in todo}
-    known = [_line(run) for run in driven]
+    known = [_offered_line(run) for run in driven]
     # a line beside a planned line follows as soon as that setup stands
     further = [
         line for line in offered(survey, shown) if line.setup not in awaited and line not in known
     ]
-    lines, ways = (*map(_line, todo), *further), _ways(survey)
+    lines, ways = (*map(_offered_line, todo), *further), _ways(survey)
     chosen = _most_a_minute(
         Exchange(survey, shown, lines, ways, driven), len(todo), survey.volume.increments
     )
@@ -123,7 +123,7 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
     return todo or min(found)[2]
 
 
-def _line(run: Run) -> Run:
+def _offered_line(run: Run) -> Run:
     """Return the line of a run as lines are offered."""
     return Run(
         setup=run.travel.base,
@@ -156,7 +156,7 @@ def _named(
     """
     taken, runs = {run.setup for run in survey.runs}, list[Run]()
     for line in lines:
-        planned = next((run for run in todo if _line(run) == line), None)
+        planned = next((run for run in todo if _offered_line(run) == line), None)
         numbers = count(1) if any(line.beam_offset_mm) else count()
         name = next(
             name for number in numbers if (name := line.travel.shifted(number)) not in taken

@@ -221,7 +221,7 @@ def arrange_runs(
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
     deviation = np.asarray(deviation_um, dtype=np.float64)
-    up, down = (_table(row, len(targets), passes, deviation, parity) for parity in (1, 0))
+    up, down = (_pass_columns(row, len(targets), passes, deviation, parity) for parity in (1, 0))
     if down.shape[1] == 0:
         return PositioningRuns(target_mm=targets, up_um=up), ()
     if not common_zero:
@@ -229,7 +229,7 @@ def arrange_runs(
     return PositioningRuns(target_mm=targets, up_um=up, down_um=down), ()
 
 
-def _table(
+def _pass_columns(
     row: NDArray[np.intp], targets: int, passes: NDArray[np.int64], deviation: Vector, parity: int
 ) -> Vector:
     """Return the passes of a direction as columns; a stop missing in a pass stays NaN."""

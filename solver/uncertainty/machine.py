@@ -165,13 +165,30 @@ def usual_rows(
 def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedFit:
     """Return the fit with further rows whose target is zero."""
     fixed = mixed.fixed
-    target = np.concatenate([fixed.target, np.zeros(len(rows))])
-    weight = np.concatenate([np.minimum(fixed.weight, 1.0 / FINEST_UM**2), 1.0 / u**2])
-    again = fit(fixed.rows.followed_by(rows), design.blocks, target, weight)
-    pattern = np.vstack(
-        [mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))]
+    seen = replace(fixed, weight=np.minimum(fixed.weight, 1.0 / FINEST_UM**2))
+    return with_rows(replace(mixed, fixed=seen), design, rows, u, np.zeros((len(rows), 0)))
+
+
+def with_rows(mixed: MixedFit, design: Design, rows: Rows, u: Vector, pattern: Vector) -> MixedFit:
+    """Return the fit with further rows whose target is zero, and the effect of further causes on
+    them: ``pattern`` (rows, k), each of size one.
+    """
+    fixed, before = mixed.fixed, mixed.causes.pattern
+    again = fit(
+        fixed.rows.followed_by(rows),
+        design.blocks,
+        np.concatenate([fixed.target, np.zeros(len(rows))]),
+        np.concatenate([fixed.weight, 1.0 / u**2]),
     )
-    return MixedFit(again, Causes.of(again, pattern), mixed.size)
+    every = np.block(
+        [
+            [before, np.zeros((len(before), pattern.shape[1]))],
+            [np.zeros((len(rows), before.shape[1])), pattern],
+        ]
+    )
+    return MixedFit(
+        again, Causes.of(again, every), np.append(mixed.size, np.ones(pattern.shape[1]))
+    )
 
 
 def covariance(spread: Spread, machine: Machine) -> Vector:
@@ -259,8 +276,8 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Return whether any of them is more than rounding: each processor rounds differently, and
-    every kept name uses random numbers of its own.
+    """Return whether any value exceeds rounding: rounding differs between processors, and every
+    kept name consumes random numbers.
     """
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
@@ -272,13 +289,13 @@ def _by_name(
     found, name_of = [], np.array(machine.names)
     for name in names:
         mine = np.flatnonzero(name_of == name)
-        found.append((name, _table(name, machine.node[mine], volume, values[:, mine])))
+        found.append((name, _node_rows(name, machine.node[mine], volume, values[:, mine])))
     return found
 
 
-def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
-    """Return rows of values (r, k) of a function at all nodes of the modes, zero by its definition;
-    of a squareness (r, 1).
+def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
+    """Return rows of values (r, k) of a function at all nodes of the modes, with the zeros that its
+    definition sets; for a squareness the rows (r, 1) unchanged.
     """
     if name[0] != "E":
         return values
@@ -334,7 +351,7 @@ def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, ch
     field = np.zeros((len(names), len(points), 3))
     for name in dict.fromkeys(names):
         mine = np.flatnonzero(np.array(names) == name)
-        table = _table(name, np.array(node)[mine], volume, np.eye(len(mine)))
+        table = _node_rows(name, np.array(node)[mine], volume, np.eye(len(mine)))
         if name[0] != "E":
             field[mine] = field_of_um(volume, chain, {}, {name: table[:, 0]}, points)
         else:

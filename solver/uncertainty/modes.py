@@ -39,14 +39,14 @@ class BySize:
         first, second = self.sized, other.sized
         sizes = max(len(first.scale), len(second.scale))
         sized = UnknownSize(
-            scale=_joined(sizes, first.scale, second.scale),
-            shift=_joined(sizes, first.shift, second.shift),
+            scale=_size_columns(sizes, first.scale, second.scale),
+            shift=_size_columns(sizes, first.shift, second.shift),
         )
         modes = np.hstack([self.modes, other.modes])
         return BySize(modes, sized, np.hypot(self.left, other.left))
 
 
-def _joined(sizes: int, first: Vector, second: Vector) -> Vector:
+def _size_columns(sizes: int, first: Vector, second: Vector) -> Vector:
     """Return two tables (sizes or 1, modes) beside each other, each with a row for every size."""
     return np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in (first, second)])
 

@@ -4,7 +4,7 @@ arrays; tables and plots of all of them.
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
     >>> print(f"{result.squareness['C0Y'].value:.1f} urad")
-    -20.0 urad
+    -20.1 urad
 
 Everything in this module stays compatible from version to version; other functions of the floors
 may move.

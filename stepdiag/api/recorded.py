@@ -44,12 +44,12 @@ def read_log(path: Path | str) -> RecordedLog:
                 pass
     outcomes = (each for one in replay([Path(path)]).logs for each in one.outcomes)
     return RecordedLog(
-        laser=_joined(batches),
+        laser=_one_batch(batches),
         stops=tuple(each for each in outcomes if isinstance(each, CapturedStop)),
     )
 
 
-def _joined(batches: Sequence[Samples]) -> Samples:
+def _one_batch(batches: Sequence[Samples]) -> Samples:
     """Return batches as one, without their remarks, which the replay gives."""
     return Samples(
         counter=np.concatenate([batch.counter for batch in batches]),

@@ -261,10 +261,10 @@ def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
     function found.
 
     A range is biased upwards by noise: the estimated range contains the noise once, the draws
-    around it twice. The upper end stays that of the draws, so that no machine is accepted for a
-    short range by chance; the lower end is below the machine's range, by the bias of the draws
-    taken off twice or by the pivotal interval (2 found - high), whichever is lower. A function that
-    a table corrects is zero: only its drawn residue is left.
+    around it twice. The upper end is that of the draws, so that no machine is accepted because its
+    range is short by chance. The lower end is the lower of two values: that of the draws less twice
+    their bias, or the pivotal interval (2 found - high). A function that a table corrects is zero:
+    only its drawn residue is left.
     """
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:

@@ -31,7 +31,8 @@ _LONG_NAME = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEE
 """A name of too many parts: time and memory of the TOML reader grow with the square of their number
 (32 kB of one name: 1 GB), so a limit of the file's size that admits survey files is not sufficient.
 A comment or a text that looks like such a name is refused as well. No name begins after a
-backslash; a search there would take a time with the square of the number of escaped quotes.
+backslash. A search there would take a time that grows with the square of the number of escaped
+quotes.
 """
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
@@ -107,13 +108,9 @@ def refuse(
     """Return the error message for one field: ``survey.toml: plc.poll_hz: expected a number above
     0, found "fast"``.
     """
-    shown = (
-        found
-        if isinstance(found, Message)
-        else message("a-table")
-        if isinstance(found, dict)
-        else show(found)
-    )
+    shown = found if isinstance(found, Message) else show(found)
+    if isinstance(found, dict):
+        shown = message("a-table")
     return UsageError(
         f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy
     )
@@ -175,11 +172,11 @@ def _check(value: object, hint: Any, source: str, path: str) -> None:
     if get_origin(hint) in (Union, UnionType):
         (hint,) = (part for part in get_args(hint) if part is not NoneType)
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
-        _check_struct(_table(value, source, path), hint, source, path)
+        _check_struct(_settings_table(value, source, path), hint, source, path)
     elif get_origin(hint) is dict:
         key_hint, item_hint = get_args(hint)
         keys = get_args(key_hint)
-        for key, item in _table(value, source, path).items():
+        for key, item in _settings_table(value, source, path).items():
             if keys and key not in keys:
                 raise unknown_key(source, f"{path}.{key}", key, list(keys))
             _check(item, item_hint, source, f"{path}.{key}")
@@ -221,7 +218,7 @@ def _check_struct(
             )
 
 
-def _table(value: object, source: str, path: str) -> dict[str, Any]:
+def _settings_table(value: object, source: str, path: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise refuse(source, path, message("a-table"), value)
     return value

@@ -11,8 +11,8 @@ Vector = NDArray[np.float64]
 
 MOST_INCREMENTS = 500
 """Largest number of increments of an axis: out and back along four diagonals, a survey takes
-thirteen hours. The solver takes a minute and 2.4 GB for it, and both grow with the second to third
-power.
+thirteen hours. For this number the solver takes a minute and 2.4 GB; both grow with the second to
+third power.
 """
 SHORTEST_MACHINE_MM = 10.0
 
@@ -35,8 +35,8 @@ distance.
 """
 
 IN_STEP = 0.05
-"""Share of a wave's length: with a smaller difference from whole waves between targets, ten
-increments show less than one slow wave of it.
+"""Smallest difference between the step and a whole number of waves, as a share of the wave's
+length; below it ten increments show less than one slow wave.
 """
 
 POINTS = 350

@@ -28,8 +28,11 @@ HEARTBEAT_S = 1.0
 JUDGED_AFTER_S = 2.5
 """Time in s for a change or an arrival, after which its absence is reported."""
 GARBAGE_SHARE = 0.01
+"""Larger shares of undecodable lines are reported: one disturbed line is no fault of the wiring."""
 RATE_SHARE = 0.05
+"""Larger deviations from the nominal rate are reported: clocks of instruments differ by less."""
 POLL_SHARE = 0.8
+"""A smaller share of answered polls is reported: a busy computer misses fewer."""
 PLAUSIBLE = {
     "x_mm": (-50_000.0, 50_000.0),
     "y_mm": (-50_000.0, 50_000.0),

@@ -43,7 +43,10 @@ def _add_stream(table: Table, stream: StreamSeen) -> None:
         flag.name.lower().replace("_", " ") for flag in stream.last_flags if flag.name
     ) or "good" * bool(stream.samples)
     table.add_row(
-        "  reading", f"{stream.samples} samples, {rate}", _number(stream.position_mm, 6, " mm"), ""
+        "  reading",
+        f"{stream.samples} samples, {rate}",
+        _shown_number(stream.position_mm, 6, " mm"),
+        "",
     )
     if stream.link.name != "air":
         table.add_row("  beam", Text(flags), beam, "")
@@ -51,7 +54,9 @@ def _add_stream(table: Table, stream: StreamSeen) -> None:
         "  garbage", f"{stream.byte_count} bytes in all", str(stream.counts["garbage"]), ""
     )
     for name, value in stream.conditions.items():
-        table.add_row(f"  {name}", "its own sensor", _number(value, DECIMALS.get(name, 2)), "")
+        table.add_row(
+            f"  {name}", "its own sensor", _shown_number(value, DECIMALS.get(name, 2)), ""
+        )
     table.add_section()
 
 
@@ -66,20 +71,20 @@ def _add_machine(table: Table, machine: MachineSeen, seen: Observation) -> None:
         table.add_row(
             f"  {name}",
             Text(seen.survey.plc.place(name)),
-            _value(name, value),
+            _shown_value(name, value),
             str(machine.changes[name]),
         )
 
 
-def _value(name: str, value: bool | float | None) -> str:
+def _shown_value(name: str, value: bool | float | None) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return _number(value, DECIMALS.get(name, 2))
+        return _shown_number(value, DECIMALS.get(name, 2))
     return "-" if value is None else str(value)
 
 
-def _number(value: float | None, decimals: int, unit: str = "") -> str:
+def _shown_number(value: float | None, decimals: int, unit: str = "") -> str:
     return "-" if value is None else f"{value:.{decimals}f}{unit}"
 
 

@@ -6,10 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.messages import message
-from stepdiag.terminal.viewer import print_words
+from stepdiag.cli.completion import Verbose
+from stepdiag.terminal.viewer import print_first, print_words
 
 if TYPE_CHECKING:
     from datetime import datetime
+
+
+FEW = 5
+"""Number of accepted, and of remaining, doubts that are printed without ``--verbose``."""
 
 
 def register(app: typer.Typer) -> None:
@@ -23,6 +28,7 @@ def accept(
     reason: Annotated[str, typer.Option()],
     name: str = "",
     begun: str | None = None,
+    verbose: Verbose = False,
 ) -> None:
     """Accept doubted readings, or state the time of a survey."""
     import getpass
@@ -60,10 +66,10 @@ def accept(
         raise UsageError("--begun", expected=message("accepted-code", code=CODE), found=stop)
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
-    for doubt in doubts:
-        print_words(message("accepted-doubt", what=doubt.words))
-    for left in standing_of(survey).doubts:
-        print_words(message("still-doubted", what=left.words))
+    taken = [message("accepted-doubt", what=each.words) for each in doubts]
+    print_first(taken, FEW, verbose=verbose)
+    left = [message("still-doubted", what=each.words) for each in standing_of(survey).doubts]
+    print_first(left, FEW, verbose=verbose)
 
 
 def _moment(text: str | None) -> "datetime":

@@ -193,6 +193,7 @@ def verify(
     active: list[Path] | None = None,
     active_date: ActiveDate = None,
     active_source: str = "",
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Judge compensation files, or compute a certificate again."""
@@ -234,9 +235,9 @@ def verify(
         }
         typer.echo(json.dumps(parts, indent=2, ensure_ascii=False))
     else:
-        _print_verification(found, given, aside, stated_in(measured).words())
+        _print_verification(found, given, aside, stated_in(measured).words(), verbose=verbose)
         _caution(measured, found.prediction)
-        say_granted([measured])
+        say_granted([measured] if verbose else [])
         for each in beside:
             print_compared(each)
         _print_read_back(held, before=bool(before))
@@ -426,10 +427,15 @@ def _print_verification(
     given: "Sequence[ControlFile]",
     aside: "Sequence[str]",
     measured_with: str,
+    *,
+    verbose: bool,
 ) -> None:
+    """Print the predicted effect and the judgements, wrong tables first; with ``verbose`` also the
+    laws of the tables and the notes.
+    """
     from rich.console import Console
 
-    from stepdiag.terminal.tables import effect_table, finding_lines
+    from stepdiag.terminal.tables import effect_table, print_findings
 
     names = [file.name for file in given]
     print_words(
@@ -437,13 +443,14 @@ def _print_verification(
     )
     if aside:
         print_words(message("files-left-aside", names=list(aside)))
-    for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
-        print_words(message("labelled", name=kind, what=law.words))
-    for each in found.judgements:
+    Console().print(effect_table(found.prediction))
+    for each in sorted(found.judgements, key=lambda judgement: judgement.harmless):
         mark = "" if each.harmless else shown(message("mark-wrong")) + " "
         print_words(f"{mark}{each.code}: {shown(each.words)}")
-    print_words(*finding_lines(found.findings))
-    Console().print(effect_table(found.prediction))
+    print_findings(found.findings, verbose=verbose)
+    if verbose:
+        for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
+            print_words(message("labelled", name=kind, what=law.words))
 
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:

@@ -122,7 +122,7 @@ class _Watching:
             webbrowser.open(address)
 
     def show(self, line: Words) -> None:
-        """Print what happens."""
+        """Print a line for each event of the demo."""
         print_words(line)
 
     def pressed(self) -> str:

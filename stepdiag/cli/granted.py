@@ -19,7 +19,7 @@ def say_granted(results: "Sequence[Result]") -> None:
     from stepdiag.base.result.basis import basis_of
 
     granted = [_words(basis_of(result).assumed) for result in results]
-    say: list[Words] = [granted[0]]
+    say: list[Words] = [*granted[:1]]
     if len(set(granted)) > 1:
         say = [
             message("labelled", name=result.source, what=words or message("granted-unstated"))

@@ -11,7 +11,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.certificate import JUDGED_WRONG, UNDECIDED
-from stepdiag.cli.completion import TABLES, AsJson, tables
+from stepdiag.cli.completion import TABLES, AsJson, Verbose, tables
 from stepdiag.terminal.viewer import empty_table, print_words
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def proof(
     profile: Path | None = None,
     minutes: float = MINUTES,
     out: Path | None = None,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Prove that loaded tables act as exported."""
@@ -59,7 +60,7 @@ def proof(
                 expected=message("with-option", option=message("survey-file-of-machine")),
                 found=message("a-proof-run", name=file.name),
             )
-        _judge(file, survey, as_json=as_json)
+        _judge(file, survey, verbose=verbose, as_json=as_json)
         return
     if not controller:
         raise UsageError(
@@ -157,11 +158,11 @@ def _print_plan(plan: "ProofPlan") -> None:
     Console().print(table)
 
 
-def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
+def _judge(file: Path, survey: "Survey", *, verbose: bool, as_json: bool) -> None:
     """Print the verdict on a proof run. Raises UsageError before its last pass is complete."""
     from stepdiag.base.files import read_bytes
     from stepdiag.base.readings.readings import parse_readings
-    from stepdiag.completion.proof import action_words, loaded_in, proof_of, sign_records, words_of
+    from stepdiag.completion.proof import loaded_in, proof_of, sign_records
     from stepdiag.daemon.survey_state import standing_of
     from stepdiag.daq.records.survey_folder import READINGS
     from stepdiag.daq.survey.bundle import read_bundle
@@ -195,16 +196,29 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
             )
         )
     else:
-        for each in verdict.tables:
-            print_words(words_of(each))
-        print_words(action_words(verdict))
-        if verdict.action == "restore":
-            for path in _restore_files(file, survey):
-                typer.echo(f"  {path}")
-        if records:
-            print_words(message("in-place-of-sign-test"))
-            typer.echo("\n".join(records))
+        restore = _restore_files(file, survey) if verdict.action == "restore" else []
+        print_verdict(verdict, restore, records, verbose=verbose)
     raise typer.Exit(EXIT_CODES[verdict.action])
+
+
+def print_verdict(
+    verdict: "Proof", restore: list[Path], records: list[str], *, verbose: bool
+) -> None:
+    """Print what to do, with the files to restore; with ``verbose`` also each table, and the
+    records in place of sign tests.
+    """
+    from stepdiag.completion.proof import action_words, words_of
+
+    print_words(action_words(verdict))
+    for path in restore:
+        typer.echo(f"  {path}")
+    if verbose:
+        print_words(*map(words_of, verdict.tables))
+    if records and not verbose:
+        print_words(message("sign-test-records", count=len(records)))
+    elif records:
+        print_words(message("in-place-of-sign-test"))
+        typer.echo("\n".join(records))
 
 
 def _day(result: Path) -> "date":

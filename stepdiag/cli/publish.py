@@ -46,9 +46,9 @@ def publish(
         typer.echo(json.dumps(schemas(), indent=2))
         return
     if file is None or bool(broker) == bool(opcua):
-        found = (
-            message("no-survey-file") if file is None else message("both" if broker else "neither")
-        )
+        found = message("both" if broker else "neither")
+        if file is None:
+            found = message("no-survey-file")
         raise UsageError(
             "publish",
             expected=message(
@@ -123,13 +123,10 @@ def _endpoint(
     own_key = own_key if own_key is not None and own_key.is_file() else None
     complete = certificate is not None and own_key is not None
     if plain == complete or (plain and (certificate is not None or key)):
-        found = (
-            message("both")
-            if plain
-            else message("neither")
-            if certificate is None and own_key is None
-            else message("one-of-both")
-        )
+        none = certificate is None and own_key is None
+        found = message("neither") if none else message("one-of-both")
+        if plain:
+            found = message("both")
         raise UsageError(
             "--opcua",
             expected=message(

@@ -73,7 +73,9 @@ def publish(
             ),
             found=message("both" if broker else "neither"),
         )
-    port = OPCUA_PORT if opcua else PORT if plain else SECURE_PORT
+    port = PORT if plain else SECURE_PORT
+    if opcua:
+        port = OPCUA_PORT
     publication = Publication(
         broker=broker, opcua=opcua, port=port, ca=ca, certificate=certificate, plain=plain
     )

@@ -62,11 +62,11 @@ def signtest(
                     expected=message("with-option", option="--off FILE --on FILE (--run FILE)"),
                     found="--out",
                 )
-        _write(test, out, controller, profile, result)
+        _write_bump(test, out, controller, profile, result)
         return
     if out is not None:
         raise UsageError("signtest", expected=message("bump-or-verdict"), found=message("both"))
-    driven = _run(test, off, on, run)
+    driven = _sign_run(test, off, on, run)
     if measured is None:
         raise UsageError("--result", expected=message("result-of-survey"), found=message("none"))
     require_same_machine(measured, known)
@@ -100,7 +100,9 @@ def signtest(
         print_words(message("sign-differs", sense=shown.sense or message("none"), stated=stated))
 
 
-def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path | None) -> None:
+def _write_bump(
+    test: "Bump", out: Path, controller: str, profile: Path, result: Path | None
+) -> None:
     """Write the bump, the restore files, and the steps of the test."""
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
@@ -166,7 +168,7 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
     )
 
 
-def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
+def _sign_run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.readings import parse_readings
     from stepdiag.exporters.files.sets import read_given

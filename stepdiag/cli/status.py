@@ -10,17 +10,23 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from stepdiag.base.messages import Message, Words, message
-from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import empty_table, print_words, shown
+from stepdiag.cli.completion import AsJson, Verbose
+from stepdiag.terminal.viewer import empty_table, print_first, print_words, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from rich.table import Table
 
     from stepdiag.daemon.survey_state import Standing
+    from stepdiag.daq.records.status import SetupStatus
 
-
+FEW_REMARKS, FEW_DOUBTS = 6, 4
+"""Lines of the terminal for remarks, and for doubts, without ``--verbose``: with the table of seven
+setups the output then fits a screen of 30 lines.
+"""
+ANSWER = ("reached", "verdict", "load", "next_step")
+"""Sections of the conclusion that are printed without ``--verbose``."""
 _STATES = {
     "to-do": message("state-to-do"),
     "running": message("state-running"),
@@ -42,6 +48,7 @@ def register(app: typer.Typer) -> None:
 
 def status(
     path: Path,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Print the kept parts of a survey and the passes to drive again."""
@@ -51,7 +58,7 @@ def status(
     if as_json:
         typer.echo(json.dumps(_as_json(found), indent=2, ensure_ascii=False))
     else:
-        _print(found)
+        _print(found, verbose=verbose)
 
 
 def _as_json(found: "Standing") -> dict[str, Any]:
@@ -102,7 +109,10 @@ def _plain(value: object) -> Any:
     return msgspec.to_builtins(value)
 
 
-def _print(found: "Standing") -> None:
+def _print(found: "Standing", *, verbose: bool) -> None:
+    """Print the next drive or the conclusion first, then the setups and the remarks; without
+    ``verbose`` the first of each kind, and of the setups and links those that need a person.
+    """
     from rich.console import Console
 
     where = message("nothing-recorded-yet") if found.round is None else str(found.round)
@@ -116,11 +126,17 @@ def _print(found: "Standing") -> None:
             recorder=recorder,
         )
     )
-    Console().print(_table(found))
-    for line in (*_live(found), *_remarks(found), *_next(found), *_ahead(found)):
-        print_words(line)
-    for line in _concluded(found):
-        print_words(line)
+    print_words(*_next(found))
+    if not found.complete and not found.wrong_line:
+        print_words(*(_still(found) if verbose else _still(found)[:1]))
+    print_words(*_concluded(found, verbose=verbose))
+    setups = [each for each in found.setups if verbose or each.state != "done"]
+    if setups:
+        Console().print(_setup_table(setups))
+    print_first(list(_remarks(found)), FEW_REMARKS, verbose=verbose)
+    if not found.complete and not found.wrong_line:
+        print_first(_doubted(found), FEW_DOUBTS, verbose=verbose)
+    print_words(*_live(found, verbose=verbose), *_ahead(found))
 
 
 def _remarks(found: "Standing") -> "Iterator[Words]":
@@ -166,23 +182,26 @@ def _undated(found: "Standing") -> "list[Words]":
     ]
 
 
-def _concluded(found: "Standing") -> list[str]:
-    return [] if found.result is None else concluded_in(found.result.parent)
+def _concluded(found: "Standing", *, verbose: bool) -> list[str]:
+    return [] if found.result is None else concluded_in(found.result.parent, verbose=verbose)
 
 
-def concluded_in(folder: Path) -> list[str]:
-    """Return the conclusion in a survey's folder, as lines; none before the conclusion."""
+def concluded_in(folder: Path, *, verbose: bool = True) -> list[str]:
+    """Return the conclusion in a survey's folder, as lines; none before the conclusion. Without
+    ``verbose`` the sections `ANSWER` alone.
+    """
     from stepdiag.cli.solve import in_lines
     from stepdiag.conclusion import conclusion_in
 
     document = conclusion_in(folder)
-    return [] if document is None else in_lines(document)
+    if document is None:
+        return []
+    return in_lines({name: document[name] for name in document if verbose or name in ANSWER})
 
 
-def _table(found: "Standing") -> "Table":
-
+def _setup_table(setups: "Sequence[SetupStatus]") -> "Table":
     table = empty_table(message("table-status"))
-    for setup in found.setups:
+    for setup in setups:
         passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
         stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)
         table.add_row(
@@ -195,8 +214,10 @@ def _named(setup: str) -> Message:
     return message("setup-named", setup=setup)
 
 
-def _live(found: "Standing") -> "list[Words]":
-    """Return the data and the pending events of the recorder, as lines; none without a recorder."""
+def _live(found: "Standing", *, verbose: bool) -> "list[Words]":
+    """Return the data and the pending events of the recorder, as lines; none without a recorder.
+    Without ``verbose`` links that are connected, and air and material, are left out.
+    """
     if found.live is None:
         return []
     links = {
@@ -210,10 +231,10 @@ def _live(found: "Standing") -> "list[Words]":
             "status-link", name=name, state=_LINKS[link.state], detail=link.detail or link.address
         )
         for name, link in links.items()
-        if link is not None
+        if link is not None and (verbose or link.state != "connected")
     ]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.conditions.items())
-    lines += [message("status-air", values=air)] if air else []
+    lines += [message("status-air", values=air)] if air and verbose else []
     return [
         *lines,
         message("status-waits", what=found.live.waits_for),
@@ -263,7 +284,7 @@ def _next(found: "Standing") -> "list[Words]":
     if found.wrong_line:
         return [message("status-correct", line=found.wrong_line)]
     if not found.complete:
-        return [message("status-next", what=found.next_setup), *_still(found), *_doubted(found)]
+        return [message("status-next", what=found.next_setup)]
     if found.result is not None:
         return [message("status-complete", path=str(found.result))]
     if found.unsolved:

@@ -249,12 +249,12 @@ def _function_change(name: str, before: Function, after: Function, alike: Shares
     shape = not (before.slope_identified and after.slope_identified) or _other_line(
         name, before, after
     )
-    a = from_first(_at(before, before.value, nodes), nodes, shape=shape)
-    b = from_first(_at(after, after.value, nodes), nodes, shape=shape)
+    a = from_first(_at_nodes(before, before.value, nodes), nodes, shape=shape)
+    b = from_first(_at_nodes(after, after.value, nodes), nodes, shape=shape)
     if before.u is None or after.u is None:
         node = int(np.argmax(np.abs(b - a)))
         return _Asked(change=_at_node(name, before.unit, nodes, a, b, node))
-    both = _at(before, before.u, nodes), _at(after, after.u, nodes)
+    both = _at_nodes(before, before.u, nodes), _at_nodes(after, after.u, nodes)
     u, whole = _u_of_difference(*both, alike), np.hypot(*both)
     ratio = np.divide(np.abs(b - a), u, out=np.zeros(len(nodes)), where=u > 0)
     node = int(np.argmax(ratio))
@@ -302,7 +302,7 @@ def _common_nodes(before: Function, after: Function) -> Vector:
     return nodes
 
 
-def _at(function: Function, values: Vector, nodes: Vector) -> Vector:
+def _at_nodes(function: Function, values: Vector, nodes: Vector) -> Vector:
     """Return a column interpolated at other nodes."""
     at: Vector = np.interp(nodes, function.position_mm, values)
     return at

@@ -45,11 +45,11 @@ def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
     table = empty_table(message("table-changes"))
     table.title = Text(f"{before} -> {after}")
     for change in comparison.changes:
-        table.add_row(*_row(change), style="bold" if change.significant else "")
+        table.add_row(*_change_row(change), style="bold" if change.significant else "")
     return table
 
 
-def _row(change: Change) -> tuple[str, ...]:
+def _change_row(change: Change) -> tuple[str, ...]:
     expanded = None if change.u is None else 2 * change.u
     numbers = (
         _shown(change.position_mm, 0),

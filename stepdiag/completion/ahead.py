@@ -135,7 +135,7 @@ def _next(ahead: Sequel, survey: Survey) -> Message:
     line = (
         message("ahead-planned", setup=first.setup)
         if first.setup in survey.plan.all_setups
-        else _line(first)
+        else _line_words(first)
     )
     figures = {"now_um": ahead.now_um, "then_um": ahead.then_um, "minutes": ahead.minutes}
     if others:
@@ -143,7 +143,7 @@ def _next(ahead: Sequel, survey: Survey) -> Message:
     return message("ahead-next", line=line, **figures)
 
 
-def _line(run: Run) -> Words:
+def _line_words(run: Run) -> Words:
     offset = [
         message("ahead-offset", size_mm=size, axis=axis)
         for axis, size in zip(AXES, run.beam_offset_mm, strict=True)

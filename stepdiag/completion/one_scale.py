@@ -4,11 +4,11 @@ expansion, or a machine with this scale.
 Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
 a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
 Compared are the likelihoods of the scales as found, and less the effect of each statement, with the
-odds against a wrong statement as prior. Scales alone cannot separate a statement from a machine
-where both fit alike: both are then named, with the reading of the laser that separates them.
+odds against a wrong statement as prior. If a wrong statement and a machine of that length fit
+equally well, the scales cannot separate them: the finding names both, and the reading of the laser
+that decides.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -28,10 +28,12 @@ TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
 a correction; and of the separate scale of each.
 """
 HENE_NM = 632.991
-LEAST_UM_M = 100.0
-"""A smaller effect is like a machine's own."""
 ALIKE = 3.0
 """Logarithm of the odds against a statement from which on the machine is so long: one in twenty."""
+TWICE = 5.0
+"""Logarithm of the odds against an expansion taken out twice, less than against other wrong lines:
+displays with a sensor of the material take it out unasked.
+"""
 
 
 def one_scale(survey: Survey, result: Result) -> list[Finding]:
@@ -50,13 +52,13 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
     covariance = together**2 + np.diag(EACH_UM_M**2 + u**2)
     weight = np.linalg.inv(covariance)
     plain = float(value @ weight @ value)
-    gains = [
-        (0.5 * (plain - float((value - effect) @ weight @ (value - effect))) - CAUSE, statement)
-        for statement in _statements(survey, result)
-        if abs(effect := statement.effect_um_m) > LEAST_UM_M
-    ]
-    gain, likeliest = max(gains, key=lambda each: each[0], default=(-math.inf, None))
-    if likeliest is None or gain <= -ALIKE:
+
+    def gain(statement: _Statement) -> float:
+        left = value - statement.effect_um_m
+        return 0.5 * (plain - float(left @ weight @ left)) - statement.odds
+
+    likeliest = max(_statements(survey, result), key=gain)
+    if gain(likeliest) <= -ALIKE:
         return []
     shown = [f"{axis} {number:+.0f}" for axis, number in zip(scales, value.tolist(), strict=True)]
     run = next(
@@ -79,16 +81,20 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
 @dataclass(frozen=True, slots=True)
 class _Statement:
     """A statement that may be wrong: by how much it then lengthens all axes in µm/m, the line to
-    change with its new value, and the reading that shows whether it is wrong."""
+    change with its new value, and the reading that shows whether it is wrong; ``odds`` is the
+    logarithm of the odds against it."""
 
     effect_um_m: float
     what: Message
     reading: Message
     change: Change
+    odds: float = CAUSE
 
 
 def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:
-    """Yield every statement that lengthens all axes alike where it is wrong."""
+    """Yield every statement of the survey file that, if wrong, changes the length of all axes by
+    the same ratio.
+    """
     laser, stated = survey.laser, survey.environment
     air = Air(
         temperature_c=np.array(stated.air_temperature_c),
@@ -118,4 +124,5 @@ def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:
             message("cause-expansion-twice"),
             message("reading-expansion"),
             ("machine.apply_expansion", "false"),
+            TWICE,
         )

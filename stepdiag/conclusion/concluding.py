@@ -30,7 +30,7 @@ AIR = {
 """Conditions of the air in letters and units that all languages share."""
 KNOBS = {
     BETWEEN_TARGETS: "between",
-    READINGS: "readings",
+    **dict.fromkeys((READINGS, "bends"), "readings"),
     NOT_MEASURED: "unmeasured",
     **dict.fromkeys(("angles", "short waves of angles"), "angles"),
     **dict.fromkeys(
@@ -161,7 +161,7 @@ def _wrong_sentence(one: Contribution) -> Sentence:
     numbers = {
         "um": _um(one.effect_um),
         "length": f"{one.length_mm:.0f}",
-        "value": _value(one),
+        "value": _magnitude(one),
         "axis": one.axis,
         "name": one.name,
     }
@@ -180,7 +180,7 @@ def _wrong_sentence(one: Contribution) -> Sentence:
             return Sentence(key=f"wrong_{one.kind}", arguments=numbers)
 
 
-def _value(one: Contribution) -> str:
+def _magnitude(one: Contribution) -> str:
     """Return the magnitude of a quantity; of a squareness or a scale with the digits of its U, as
     in its table.
     """

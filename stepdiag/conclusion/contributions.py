@@ -18,8 +18,8 @@ AXES = "XYZ"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contribution:
-    """An error: ``effect_um`` is its movement of the tool from one end of the volume to the other,
-    ``u_um`` the standard uncertainty of this.
+    """An error: ``effect_um`` is the movement of the tool that this error causes from one end of
+    the volume to the other, ``u_um`` its standard uncertainty.
 
     ``value`` is the quantity itself in ``unit`` (signed; the range of a function), ``length_mm``
     the travel of its effect.

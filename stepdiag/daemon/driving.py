@@ -50,7 +50,7 @@ def programs_of(
 
 
 def sequence_of(survey: Survey) -> Sequence:
-    """Return the passes of the survey in the form of the writers of programs."""
+    """Return the passes of the survey as the sequence from which NC programs are written."""
     plan = survey.plan
     return Sequence(
         name=survey.identity.name,

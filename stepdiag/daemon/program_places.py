@@ -108,8 +108,8 @@ def _assert_no_home(place: Path) -> None:
 
 
 def _assert_read_by_all(place: Path) -> None:
-    """The service runs under an account of its own; the rights of folders above do not matter,
-    since a bound place is entered without them.
+    """The service runs under a separate account. It enters a bound place directly, so the rights of
+    the folders above do not matter.
     """
     place = place.resolve()  # not every chmod follows a link
     closed = next(

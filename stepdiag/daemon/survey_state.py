@@ -111,7 +111,7 @@ def standing_of(path: Path) -> Standing:
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
     """Return the standing of a round. Without a survey file the survey comes from its logs."""
     paths = logs_in(last) if last is not None else []
-    recorded, readable, logs = _read(paths)
+    recorded, readable, logs = _read_logs(paths)
     recorded = text_of(readable[0].parent, readable) if readable else recorded
     changed = bool(text and recorded and not extends(text, recorded))
     known = (
@@ -157,7 +157,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     )
 
 
-def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
+def _read_logs(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
     """Return the survey file of the first readable log, the readable logs in order, and the state
     of each log.
     """

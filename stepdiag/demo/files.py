@@ -198,7 +198,7 @@ def write_bench(folder: Path, seed: int, pace: Pace = FAST) -> Path:
         dwell=dwell,
         mirror=0.2,
     )
-    return _write(folder / "machine.toml", bench)
+    return _write_new(folder / "machine.toml", bench)
 
 
 def write_survey(
@@ -222,7 +222,7 @@ def write_survey(
         settle=pace.settle_s,
         window=pace.min_window_s,
     )
-    return _write(folder / "survey.toml", survey)
+    return _write_new(folder / "survey.toml", survey)
 
 
 def write_angles(folder: Path, bench: Path, seed: int) -> None:
@@ -242,7 +242,7 @@ def write_angles(folder: Path, bench: Path, seed: int) -> None:
                 + ",".join(f"{one[index] - one[0]:.3f}" for one in seen)
                 + f",{U_ANGLE_URAD:g}"
             )
-    _write(folder / "angles.csv", "\n".join([*rows, ""]))
+    _write_new(folder / "angles.csv", "\n".join([*rows, ""]))
 
 
 def write_profiles(folder: Path) -> None:
@@ -253,8 +253,8 @@ def write_profiles(folder: Path) -> None:
         _punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)])
     )
     (folder / "CNCPARAM.TXT").write_bytes(_punch(_parameters()))
-    _write(folder / "siemens.toml", siemens_profile())
-    _write(folder / "fanuc.toml", fanuc_profile())
+    _write_new(folder / "siemens.toml", siemens_profile())
+    _write_new(folder / "fanuc.toml", fanuc_profile())
 
 
 def siemens_profile(*, functions: str = "", products: bool = False, held: int | None = None) -> str:
@@ -343,7 +343,7 @@ def _quoted() -> str:
     return ", ".join(f'"{setup}"' for setup in SETUPS)
 
 
-def _write(path: Path, text: str) -> Path:
+def _write_new(path: Path, text: str) -> Path:
     with path.open("x", encoding="utf-8", newline="\n") as file:
         file.write(text)
     return path

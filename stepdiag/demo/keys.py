@@ -26,7 +26,9 @@ class Keyboard:
 
 @contextmanager
 def keyboard() -> Iterator[Keyboard]:
-    """Read single keys while the block runs; afterwards the terminal has its earlier settings."""
+    """Read single keys while the block runs, and restore the settings of the terminal
+    afterwards.
+    """
     number = sys.stdin.fileno()
     if not os.isatty(number):
         yield Keyboard(number)

@@ -154,7 +154,7 @@ def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person
         return not ended
 
     for event in words(operator, recording, go_on=go_on, silence_s=float("inf")):
-        line = _line(event)
+        line = _terminal_line(event)
         if line != "":
             person.show(line)
         if event["event"] == "survey-complete":
@@ -170,7 +170,7 @@ def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) ->
     show(key.does)
 
 
-def _line(event: dict[str, str]) -> Words:
+def _terminal_line(event: dict[str, str]) -> Words:
     """Return the part of the daemon's messages for the terminal; the page shows the rest."""
     match event["event"]:
         case "waiting":

@@ -73,7 +73,7 @@ class Operator:
         """Start the next setup where the machine waits; after the last setup, the passes that the
         survey still lacks, once the daemon has been silent for ``silent_s``.
 
-        Raises DataError where it lacks something after having been driven again several times.
+        Raises DataError if a setup is still incomplete after it was driven again several times.
         """
         if not self.idle or time.monotonic() - self._idle_since < self._wait_s:
             return

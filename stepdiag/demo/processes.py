@@ -79,7 +79,7 @@ class Talker:
         return event
 
     def poll(self) -> dict[str, str] | None:
-        """Return an object that is already there, or None."""
+        """Return the next object that has already arrived, or None."""
         return None if self.lines.empty() else self.next(1.0, "process")
 
     def say(self, text: str) -> None:
@@ -91,8 +91,9 @@ class Talker:
 
 @contextmanager
 def talking(command: Sequence[str], *, errors: bool) -> Iterator[Talker]:
-    """Run a process and listen to it: on standard error for the daemon, on standard output for the
-    bench. It ends with the thread that started it, also where this process is killed."""
+    """Run a process and read its lines, from standard error for the daemon and from standard output
+    for the bench. It ends with the thread that started it, also where this process is killed.
+    """
     process = subprocess.Popen(
         ("setpriv", "--pdeathsig", "TERM", *command),
         stdin=subprocess.PIPE,

@@ -55,12 +55,14 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
             expected=what,
             found=message("none-known", names=known or [message("no-machines")]),
         )
-    table, damaged = _read(store, wanted, len(places))
+    table, damaged = _wanted_rows(store, wanted, len(places))
     found = history_of(table, now)
     return replace(found, left_out=(*damaged, *found.left_out))
 
 
-def _read(store: Store, wanted: Sequence[Place], surveys: int) -> tuple[pa.Table, list[LeftOut]]:
+def _wanted_rows(
+    store: Store, wanted: Sequence[Place], surveys: int
+) -> tuple[pa.Table, list[LeftOut]]:
     """Return the rows of the wanted surveys: from the index if present, else from their own tables;
     and the damaged tables.
     """

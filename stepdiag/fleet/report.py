@@ -98,7 +98,7 @@ def _card(
     shown = next((each for each in trends if each.series.quantity == RMS), trends[0])
     states = {each.outside for each in trends}
     state = next((each for each in ("yes", "perhaps") if each in states), "no")
-    lines = [line for each in trends for line in _lines(each, words, language)]
+    lines = [line for each in trends for line in _picture_lines(each, words, language)]
     listed = (
         "".join(f"<li>{escape(line)}</li>" for line in lines)
         or f"<li>{escape(words['unchanged'])}</li>"
@@ -111,7 +111,7 @@ def _card(
     )
 
 
-def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
+def _picture_lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
     """Return the lines below the picture: changes, undecidable series, and the times of leaving the
     tolerance.
     """
@@ -171,7 +171,11 @@ def _chart(
     ]
     values = [
         svg.titled(
-            _value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX
+            _survey_label(trend, point, language),
+            "circle",
+            cx=x(point.time),
+            cy=y(point.value),
+            r=NEAR_PX,
         )
         for point in points
     ]
@@ -210,7 +214,7 @@ def _chart(
     )
 
 
-def _value(trend: Trend, point: Point, language: Language) -> str:
+def _survey_label(trend: Trend, point: Point, language: Language) -> str:
     """Return the label of a survey for a pointer: its day and name, its figure with U."""
     expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
     if math.isfinite(point.low):

@@ -252,7 +252,7 @@ class Store:
                 else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
             )
             found = list(known)  # a folder is read here, where a refusal names it
-        return sorted(map(_place, map(str, found)))
+        return sorted(map(_place_of_path, map(str, found)))
 
     def json(self, name: str) -> Any:
         """Return a JSON file of ours. Raises DataError where the list is invalid."""
@@ -352,7 +352,7 @@ def _names(folder: Path, prefix: str = "") -> list[str]:
     return [name for name in os.listdir(folder) if name.startswith(prefix)]  # noqa: PTH208  # names alone
 
 
-def _place(path: str) -> Place:
+def _place_of_path(path: str) -> Place:
     machine, year, file = path.split("/")[-3:]
     survey, _, software = file.removesuffix(TABLE_SUFFIX).partition("@")
     return Place(

@@ -119,7 +119,7 @@ def as_csv(trends: Sequence[Trend]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADER)
-    writer.writerows(_rows(trends))
+    writer.writerows(_trend_rows(trends))
     return out.getvalue()
 
 
@@ -146,8 +146,8 @@ def _series_json(trend: Trend) -> dict[str, Any]:
                 "survey": point.survey.name,
                 "value": point.value,
                 "U": _expanded(point.u),
-                "low": _number(point.low),
-                "high": _number(point.high),
+                "low": _finite(point.low),
+                "high": _finite(point.high),
                 "event": point.survey.event,
             }
             for point in series.points
@@ -192,11 +192,11 @@ def _left_out_json(left: LeftOut) -> dict[str, Any]:
     }
 
 
-def _number(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
+def _trend_rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
     for each in trends:
         for point in each.series.points:
             skewed = math.isfinite(point.low)

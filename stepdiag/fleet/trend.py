@@ -47,7 +47,7 @@ CONFORMITY: dict[str, Conforming] = {
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
     """The time at which the line reaches the tolerance, and its interval at k = 2; None means not
-    before `LATEST`. ``tolerance`` has its sign.
+    before `LATEST`. ``tolerance`` is negative if the line falls towards the negative limit.
     """
 
     tolerance: float
@@ -282,8 +282,8 @@ def _outside(last: Point, tolerance: float) -> str:
 
 
 def already_perhaps(trend: Trend) -> bool:
-    """Return whether the last figure may be beyond the tolerance within its U, with no later date
-    at which it would be.
+    """Return whether the last figure, within its U, may already be outside the tolerance, so that
+    no future date can be given.
     """
     likely = None if trend.leaving is None else trend.leaving.likely
     return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)

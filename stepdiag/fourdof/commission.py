@@ -122,7 +122,7 @@ def commission(
     dark = _dark(every, usual)
     centre = _centre_mm(standings)
     lit = [_lit(one, usual) for one in standings if _beside_mm(one, centre, axis) <= FARTHEST_MM]
-    rows, channels = _rows([one for one in lit if len(one.time_s)], centre, run, axis)
+    rows, channels = _standstill_rows([one for one in lit if len(one.time_s)], centre, run, axis)
     light = _light(every, channels, usual, dark)
     curves = {name: _base(file, name) for name in CURVES}
     noise = _noise([_seen(one.channels, file, curves, dark) for one in lit if _long(one)])
@@ -176,11 +176,11 @@ def _centre_mm(standings: Sequence[Standing]) -> Vector:
     return np.asarray(np.median(places, axis=0), dtype=np.float64)
 
 
-def _rows(
+def _standstill_rows(
     lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str
 ) -> tuple[Stands, Vector]:
-    """Return the rows of standstills with light: one row each, but many for a long standstill,
-    which is an end of its own; and the means of their channels (N, 9).
+    """Return the rows of standstills with light, and the means of their channels (N, 9). A
+    standstill has one row; a long standstill, which is an end of the travel, has many.
 
     The values by the curves, and the noise, are still missing.
     """

@@ -37,7 +37,9 @@ UM, URAD = (
 UNITS = {**UM, **URAD}
 POSITION = "position"
 BACK_AT_ONCE = 0.9
-"""Share of the travel in one step from which the axis returns to begin again."""
+"""Share of the travel above which a single step counts as the return of the axis to the start of
+the next run.
+"""
 _NAMED = re.compile(
     r"(?P<name>\w+)=(?P<sign>-?)(?P<column>.+)\[(?P<unit>\w+)\](?:~(?P<u>[0-9.]+))?"
 )

@@ -96,7 +96,7 @@ class Page:
         """Respond with the data that the page needs before the stream: language, version, whether
         there is a token, without which no command is accepted.
 
-        And what is open to this process that its walls could not shut.
+        The page also lists the rights that the kernel could not take from this process.
         """
         return JSONResponse(
             {

@@ -52,8 +52,8 @@ class Mailbox:
 
 
 class Broadcaster:
-    """Fills every reader's mailbox with the snapshots; ``on_readers`` is called when the first
-    reader comes and the last has gone.
+    """Puts the snapshots into the mailbox of every reader; ``on_readers`` is called when the first
+    reader connects and when the last has left.
     """
 
     def __init__(self, on_readers: Callable[[bool], None]) -> None:

@@ -96,7 +96,7 @@ class Listeners:
     @property
     def descriptors(self) -> tuple[str, str]:
         """Return the numbers of both for the page's process, ``-`` for none."""
-        return _number(self.page), _number(self.metrics)
+        return _descriptor(self.page), _descriptor(self.metrics)
 
     @property
     def open(self) -> tuple[int, ...]:
@@ -415,5 +415,5 @@ def address_of(listener: socket.socket, scheme: str = "http") -> str:
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
-def _number(listener: socket.socket | None) -> str:
+def _descriptor(listener: socket.socket | None) -> str:
     return "-" if listener is None else str(listener.fileno())

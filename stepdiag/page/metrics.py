@@ -1,4 +1,4 @@
-"""The daemon's figures for Prometheus: made on request, so that they cost nothing otherwise."""
+"""The daemon's counters and measures for Prometheus, computed only on request."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 

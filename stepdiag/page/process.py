@@ -61,7 +61,9 @@ def main(page: str, metrics: str) -> None:
     hears, asks = sys.stdin.buffer, _own_output()
     length = int.from_bytes(hears.read(LENGTH_BYTES), "big")
     settings = settings_decoder.decode(hears.read(length))
-    _run(hears, asks, settings, *(None if each == "-" else int(each) for each in (page, metrics)))
+    _serve_sockets(
+        hears, asks, settings, *(None if each == "-" else int(each) for each in (page, metrics))
+    )
 
 
 def serve_activated(survey_file: Path) -> None:
@@ -86,7 +88,7 @@ def serve_activated(survey_file: Path) -> None:
     page, metrics = (
         handed.get(each.port) if each.enabled else None for each in (survey.page, survey.metrics)
     )
-    _run(os.fdopen(line.detach(), "rb", buffering=0), asks, settings, page, metrics)
+    _serve_sockets(os.fdopen(line.detach(), "rb", buffering=0), asks, settings, page, metrics)
 
 
 def _handed_over() -> range:
@@ -118,7 +120,7 @@ def _called(path: Path) -> socket.socket:
             return line
 
 
-def _run(
+def _serve_sockets(
     hears: BinaryIO, asks: BinaryIO, settings: PageSettings, page: int | None, metrics: int | None
 ) -> None:
     daemon = RemoteDaemon(asks)

@@ -113,7 +113,9 @@ class RemoteDaemon:
         return answer.refusal
 
     async def figures(self) -> Figures:
-        """Return the daemon's figures. Raises DeviceError for a silent daemon."""
+        """Return the daemon's counters and measures for Prometheus. Raises DeviceError for a silent
+        daemon.
+        """
         number = next(self._numbers)
         answer = await self._answer(number, Count(number=number))
         assert isinstance(answer, Counted)
@@ -132,8 +134,8 @@ class RemoteDaemon:
             del self._awaited[number]
 
     def _ask(self, request: Request) -> None:
-        """Send a request. A daemon that accepts no requests will not answer either, so there is no
-        wait for an answer here.
+        """Send a request. If the daemon accepts no request, no answer can come, so there is no
+        wait.
         """
         try:
             os.write(self._asks.fileno(), framed(request))

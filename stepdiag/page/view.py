@@ -103,7 +103,7 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
     groups: dict[tuple[str, ...], list[FindingStatus]] = {}
     for one in findings:
         stream = "" if one.message is None else str(one.message.arguments.get("stream", ""))
-        key = (one.state, one.code, stream, _place(one)[0])
+        key = (one.state, one.code, stream, _run_and_stop(one)[0])
         groups[key] = [*groups.pop(key, []), one]
     entries = [_entry(members) for members in reversed(groups.values())]
     return sorted(
@@ -111,14 +111,14 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
     )
 
 
-def _place(one: FindingStatus) -> tuple[str, int | None]:
+def _run_and_stop(one: FindingStatus) -> tuple[str, int | None]:
     """Return the run and the stop of the finding."""
     return f"{one.at.setup} {one.at.way}", one.at.stop
 
 
 def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     last = members[-1]
-    stops = sorted({stop for one in members if (stop := _place(one)[1]) is not None})
+    stops = sorted({stop for one in members if (stop := _run_and_stop(one)[1]) is not None})
     severity = max((one.severity for one in members), key=SEVERITIES.index)
     sentence = {language: in_words(last.finding, language, stops) for language in LANGUAGES}
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}

@@ -193,13 +193,9 @@ class _Publisher:
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
         untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
         if refused or untrusted or once:
-            remedy = (
-                message("name-authority")
-                if untrusted
-                else message("see-broker-log")
-                if refused
-                else ""
-            )
+            remedy = message("see-broker-log") if refused else ""
+            if untrusted:
+                remedy = message("name-authority")
             raise DeviceError(
                 self._broker.address,
                 expected=message("willing-broker"),

@@ -182,13 +182,10 @@ class Station:
         """Return the meta data: the part is the machine, the job the survey. A calibration without
         a tolerance is not judged OK or not."""
         wrong = sorted({each.code for each in findings.findings if each.severity == "error"})
-        verdict = (
-            "not_decidable"
-            if wrong
-            else together(one.verdict for one in published.conformity)
-            if published.conformity
-            else ""
-        )
+        judged = [one.verdict for one in published.conformity or ()]
+        verdict = together(judged) if judged else ""
+        if wrong:
+            verdict = "not_decidable"
         begun, ended = _moment(published.begun), _moment(published.ended)
         return ua.ResultMetaDataType(
             ResultId=name,

@@ -140,7 +140,7 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
     """Return what a plan drives: its setups with their shifts, or how many of each kind where there
     are many, and how."""
     few = by_name or len(plan.runs) <= FEW_OF_A_ROW
-    lines = [_line(run) for run in plan.runs] if few else _kinds(plan)
+    lines = [_run_words(run) for run in plan.runs] if few else _kinds(plan)
     orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
     first = plan.runs[0]
     ways = message("out-and-back" if first.return_pass else "one-way")
@@ -167,7 +167,7 @@ def _kinds(plan: Plan) -> list[Words]:
     return counted
 
 
-def _line(run: Run) -> Words:
+def _run_words(run: Run) -> Words:
     named = message("setup-named", setup=run.setup)
     shift = " ".join(
         f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value

@@ -4,14 +4,17 @@ import os
 import re
 import shutil
 import textwrap
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import Message, Words, rendered
+from stepdiag.base.messages import Message, Words, message, rendered
 from stepdiag.terminal.printable import printable
 from stepdiag.texts.texts import LANGUAGES, Language
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.table import Table
 
 WIDEST = 100
@@ -45,6 +48,17 @@ def print_words(*lines: Words, err: bool = False) -> None:
 
     for line in lines:
         typer.echo(wrapped(line), err=err)
+
+
+def print_first(lines: "Sequence[Words]", most: int, *, verbose: bool) -> None:
+    """Print lines; without ``verbose`` those that fit ``most`` lines of the terminal, at least one,
+    and the number of the others.
+    """
+    heights = accumulate(wrapped(line).count("\n") + 1 for line in lines)
+    fit = len(lines) if verbose else max(sum(height <= most for height in heights), 1)
+    print_words(*lines[:fit])
+    if lines[fit:]:
+        print_words(message("more-lines", count=len(lines) - fit))
 
 
 def wrapped(words: Words) -> str:

@@ -86,9 +86,9 @@ def _walled(readable: Iterable[Path], calls: int = 0) -> Sequence[str]:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _call("prctl", _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     version = _shut_in(readable, calls)
-    shut = (
-        (_BY_CALLS - (_NETWORK if calls else set())) if shut_calls(network=bool(calls)) else set()
-    )
+    shut = _BY_CALLS - (_NETWORK if calls else set())
+    if not shut_calls(network=bool(calls)):
+        shut = set()
     return tuple(what for what, since in OPEN.items() if version < since and what not in shut)
 
 

@@ -200,9 +200,7 @@ def test_the_conclusion_is_words_and_open_to_everybody(watched: Watched, daemon:
     page = watched.open(daemon.address)
     expect(page.locator("#conclusion .reached li").last).to_contain_text("(rms, k = 2)")
     expect(page.locator("#advice")).to_contain_text("Next step")
-    expect(page.locator("#result")).to_have_text(
-        "The curves and the files are open to whoever has the token."
-    )
+    expect(page.locator("#result")).to_have_text("Curves and files open only with the token.")
     assert ask(daemon, "GET", "/conclusion.json")[0] == 200
     for path in ("/result.json", "/downloads.json", "/download/conclusion.json"):
         assert ask(daemon, "GET", path)[0] == 403, path

@@ -1,6 +1,6 @@
 """Search of a common cause of a pass, with its findings held back."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
@@ -49,12 +49,14 @@ EXPLAINED = HELD | {
     "count-slip",
     "beam-lost",
 }
-"""Findings that wait after a cause is named: a reading of the logs by the corrected file raises the
-findings that remain.
+"""Findings not raised after a cause is named: those that remain are raised when the logs are read
+with the corrected file.
 """
 
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
-"""Lines that spoil the windows of every pass, even of a pass whose steps fit the file."""
+"""Lines of the survey file that, if wrong, shift the windows of readings in every pass, also in a
+pass whose steps fit the file.
+"""
 
 Code = Literal[
     "unexpected-position.cause",
@@ -97,7 +99,8 @@ class CauseFinder:
         """Add the next standstill of the setup that the signals state; ``expected``: it is expected
         at a certain stop.
 
-        Return the cause's finding once it is sure, and what was held back where there is none.
+        Return the finding of the cause once it is sure; without a cause, return the withheld
+        findings.
         """
         if self.over:
             return []
@@ -116,7 +119,7 @@ class CauseFinder:
         """Return the conclusion from the standstills: the finding of the cause, the finding of two
         causes with equal fit, or the findings that waited.
         """
-        causes = sorted(self._scored(setup), key=lambda each: -each[0])
+        causes = self._scored(setup)
         if not causes:
             self.over = len(self.evidence) >= LAST
             return self.released() if self.over else []
@@ -190,21 +193,23 @@ class CauseFinder:
         return []
 
     def released(self) -> list[Finding]:
-        """Return the waiting findings, because no cause explains them. After a line is named, only
+        """Return the withheld findings, because no cause explains them. After a line is named, only
         a pass that fits the file shows other faults.
         """
         held, self.held = self.held, []
         return held if self.plain or not self.named else []
 
-    def _scored(self, setup: str | None) -> Iterator[tuple[float, Cause]]:
-        """Yield every hypothesis with the logarithm of its likelihood and prior."""
+    def _scored(self, setup: str | None) -> list[tuple[float, Cause]]:
+        """Return every hypothesis with the logarithm of its likelihood and prior, best first."""
         library = Library(self.survey, self.hints, self.evidence)
-        in_time = cache(self.evidence.in_time)  # most causes have the same delay
-        for plain in library.plain(setup):
-            yield self.evidence.as_stated(plain.route) + in_time(plain.late_s), plain
-        for cause in library.hypotheses(setup):
-            if len(self.evidence) <= len(cause.route):
-                yield self.evidence.fit(cause) + in_time(cause.late_s), cause
+        plain, evidence = list(library.plain(setup)), self.evidence
+        causes = [each for each in library.hypotheses(setup) if len(evidence) <= len(each.route)]
+        scores = [evidence.as_stated(each.route) for each in plain]
+        scores += evidence.fits(causes).tolist() if causes else []
+        in_time = cache(evidence.in_time)  # most causes have the same delay
+        both = zip(scores, [*plain, *causes], strict=True)
+        scored = [(score + in_time(cause.late_s), cause) for score, cause in both]
+        return sorted(scored, key=lambda each: -each[0])
 
     def _finding(self, cause: Cause) -> Finding:
         (line, value), *others = cause.changes
@@ -226,17 +231,17 @@ def line_named(found: Finding) -> str:
     """Return the line of the survey file that a finding names as the cause; empty for another
     finding.
     """
-    return _line(found, _NAMING)
+    return _line_to_correct(found, _NAMING)
 
 
 def line_to_correct(found: Finding) -> str:
     """Return the line of the survey file whose correction removes the reason of a finding, the
     stops or the air; empty for another finding.
     """
-    return _line(found, _NAMING | {"conditions-held.unit"})
+    return _line_to_correct(found, _NAMING | {"conditions-held.unit"})
 
 
-def _line(found: Finding, keys: frozenset[str]) -> str:
+def _line_to_correct(found: Finding, keys: frozenset[str]) -> str:
     words = found.message
     return "" if words is None or words.key not in keys else str(words.arguments["line"])
 

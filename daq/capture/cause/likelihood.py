@@ -3,7 +3,9 @@ times of its moves.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +19,26 @@ from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
 OUTLIER = 1e-3
+"""Share of observations that may lie anywhere: one wrong reading must not exclude a hypothesis."""
 CAUSE, SURE = 6.0, 7.0
 """A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
 MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
 CONFIRMED = 2
+"""Least number of agreeing steps, or moves, before a cause is named: a single one may agree by
+chance.
+"""
 ALIKE_SIGMAS = 4.0
-"""Positions and times further from a hypothesis are not its own."""
+"""A position or time further from a hypothesis than this does not support it."""
 APART_MM = ALIKE_SIGMAS * PLACED_MM
 FREE = math.log(RANGE_MM / PLACED_MM)
 ON_TIME = (0.0, 0.0)
 EDGE_S, PLATEAU_S = 0.03, 0.1
 """An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
 LEAST_MOVE_MM = 1.0
+"""Shorter moves have no clear edges in time."""
 LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
+"""Smallest lateness that is more than edge and poll leave open, and the largest that is searched.
+"""
 RANGE_S = 2 * MOST_LATE_S
 Matrix = NDArray[np.float64]
 Change = tuple[str, str]
@@ -58,7 +67,7 @@ class Move:
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
 
     def is_at(self, late_s: tuple[float, float]) -> bool:
-        """Return whether both times are those of a laser so much later than the signals."""
+        """Return whether both times fit a laser that is later than the signals by ``late_s``."""
         off_s = max(abs(self.left_s - late_s[0]), abs(self.came_s - late_s[1]))
         return off_s < ALIKE_SIGMAS * self.u_s
 
@@ -187,78 +196,65 @@ class Evidence:
         places = [each.signals.commanded_mm for each in self.stands]
         return None if None in places else np.array(places, dtype=np.float64)
 
-    def fit(self, cause: Cause) -> float:
-        """Return the logarithm of the likelihood of a hypothesis and of its prior, without the
-        edges of its moves."""
-        count, shown = len(self), self.shown_mm()
-        wanted, steps = cause.steps_mm(count), self.steps_mm(cause.late_s)
-        score = -CAUSE * bool(cause.changes) - FREE * cause.free
-        score += float(np.nansum(_log_likelihood(steps - wanted, noise_mm(wanted))))
+    def fits(self, causes: Sequence[Cause]) -> Matrix:
+        """Return the logarithms of the likelihoods of hypotheses and of their priors, without the
+        edges of their moves, shape (n,): all at once, because the machine waits meanwhile.
+        """
+        count, shown, steps_mm = len(self), self.shown_mm(), cache(self.steps_mm)
+        scores = np.array([-CAUSE * bool(each.changes) - FREE * each.free for each in causes])
+        wanted = np.array([each.steps_mm(count) for each in causes])
+        off = np.array([steps_mm(each.late_s) for each in causes]) - wanted
+        scores += np.nansum(_log_likelihood(off, noise_mm(wanted)), axis=1)
         if shown is not None:
-            score += float(
-                np.sum(
-                    _log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, PLACED_MM))
-                )
-            )
-        return score
+            apart = shown - np.array([each.shown_mm(count) for each in causes])
+            scores += _placed(apart).sum(axis=1)
+        return scores
 
     def as_stated(self, route: Route) -> float:
         """Return the best logarithm of the likelihood of the unchanged file, over the errors of a
         pass at single stops.
 
-        A standstill is the next stop, or for `FAILURE` each the same stop again, a stop one or two
-        further on, or no stop at all: then it lies anywhere on the way. Its step counts from the
+        A standstill is the next stop. At the cost `FAILURE` it may be the same stop again, a stop
+        one or two further on, or no stop: a place anywhere on the way. Its step counts from the
         last standstill that is a stop.
         """
-        shown = self.shown_mm()
-        usual_mm = noise_mm(np.median(np.abs(np.diff(route.nominal_mm)), keepdims=True))
+        shown, nominal = self.shown_mm(), route.nominal_mm
+        readings = np.array([each.reading_mm for each in self.stands], dtype=np.float64)
+        usual_mm = noise_mm(np.median(np.abs(np.diff(nominal)), keepdims=True))
         alike = float(_log_likelihood(np.zeros(1), usual_mm)[0])
-        placed = 3 * float(_log_likelihood(np.zeros(1), np.array([PLACED_MM]))[0])
+        here = np.zeros((len(self), len(route)))
+        nowhere = np.full(len(self), -FAILURE - math.log(RANGE_MM))
+        if shown is not None:
+            here = _placed(shown[:, None] - route.stops_mm)
+            nowhere += 2 / 3 * float(_placed(np.zeros((1, 3)))[0])
+            nowhere[1:] += alike
         paths: dict[tuple[int, int], float] = {(-1, -1): 0.0}
-        for number, stand in enumerate(self.stands):
-            following: dict[tuple[int, int], float] = {}
-
-            def reach(
-                key: tuple[int, int],
-                score: float,
-                following: dict[tuple[int, int], float] = following,
-            ) -> None:
-                following[key] = max(following.get(key, -math.inf), score)
-
-            for (stop, base), score in paths.items():
-                nowhere = score - FAILURE - math.log(RANGE_MM)
-                nowhere += 2 / 3 * placed + (alike if number else 0.0) if shown is not None else 0.0
-                reach((stop, base), nowhere)
-                for onward, cost in MOVES.items():
-                    there = stop + onward
-                    if not 0 <= there < len(route):
-                        continue
-                    turned = (
-                        stop == -1 and there == 1
-                    )  # the machine turned at its first stop, which the pass before holds
-                    found = score - (1.0 if turned else cost)
-                    if shown is not None:
-                        found += float(
-                            np.sum(
-                                _log_likelihood(
-                                    shown[number] - route.stops_mm[there], np.full(3, PLACED_MM)
-                                )
-                            )
-                        )
-                    before = self.stands[base].reading_mm if base >= 0 else None
-                    if before is not None and stand.reading_mm is not None:
-                        wanted = route.step_mm(stop, there)
-                        off = np.array([stand.reading_mm - before - wanted])
-                        found += float(_log_likelihood(off, noise_mm(np.array([wanted])))[0])
-                    elif number:
-                        found += alike
-                    reach((there, number), found)
+        for number, reading_mm in enumerate(readings):
+            # the machine may have reversed at its first stop, whose reading the pass before holds
+            moves = [
+                (stop, base, stop + on, score - (1.0 if (stop, on) == (-1, 2) else cost))
+                for (stop, base), score in paths.items()
+                for on, cost in MOVES.items()
+                if 0 <= stop + on < len(route)
+            ]
+            stop, base, there, score = np.array(moves).reshape(-1, 4).T
+            stop, base, there = (each.astype(np.intp) for each in (stop, base, there))
+            before_mm = np.where(base >= 0, readings[base], math.nan)
+            wanted = nominal[there] - nominal[stop]
+            stepped = _log_likelihood(reading_mm - before_mm - wanted, noise_mm(wanted))
+            stepped[np.isnan(stepped)] = alike if number else 0.0
+            scores = score + here[number, there] + stepped
+            following = {key: on + float(nowhere[number]) for key, on in paths.items()}
+            for place, on in zip(there.tolist(), scores.tolist(), strict=True):
+                key = place, number
+                following[key] = max(following.get(key, -math.inf), on)
             paths = following
         return max(paths.values())
 
     def in_time(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of the edges of the moves where the laser is so
-        much later than the signals."""
+        """Return the logarithm of the likelihood of the edges of the moves, if the laser is later
+        than the signals by ``late_s`` (begin, end).
+        """
         moves = [each.move(late_s) for each in self.stands]
         return sum(move.fits(late_s) for move in moves if move is not None)
 
@@ -312,6 +308,12 @@ def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
             for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)
         ]
     )
+
+
+def _placed(off_mm: Matrix) -> Matrix:
+    """Return the logarithm of the likelihood of positions that are off by (..., stops, 3)."""
+    placed: Matrix = _log_likelihood(off_mm, np.full(3, PLACED_MM)).sum(axis=-1)
+    return placed
 
 
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:

@@ -154,17 +154,17 @@ def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -
                 "wrong-laser-sign.or-end",
                 moved_mm=measured_mm,
                 wanted_mm=nominal,
-                start=_place(route),
+                start=_start_words(route),
             )
         return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
     if from_the_end:
         return message(
-            "wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route)
+            "wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_start_words(route)
         )
     return None
 
 
-def _place(route: Route) -> str:
+def _start_words(route: Route) -> str:
     return ", ".join(f"{value:g}" for value in route.stops_mm[0])
 
 

@@ -25,16 +25,22 @@ BEGIN = 14.0
 outweigh it.
 """
 AGAIN, ORDINARY, COUNTED_NOWHERE = 0.3, 1.0, 2.0
-"""Small costs: of a failure that repeats; of a program restarted after the beam was cut; of a
-standstill before the first stop of a machine without signals; of a counted stop at no stop of the
+"""Small costs, for: a failure that repeats; a program restarted after the beam was cut; a
+standstill before the first stop of a machine without signals; a counted stop that is no stop of the
 pass.
 """
 SURE = 2.0
-"""A name is sure if its path is more probable than every other name's by so much."""
+"""Difference of log-likelihood by which the path of a name has to exceed those of all other names
+to make it sure.
+"""
 SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
-"""Noise: of a count that slipped; of a reading with no memory; of a step, as a share of it."""
+"""Noise of a count that slipped, of a reading without an earlier one to compare, and of a step (as
+a share of its length).
+"""
 KEPT, WITHIN = 12, 25.0
-"""Number of paths that are followed, and the largest lag of the least probable path."""
+"""Largest number of paths that are followed, and the log-likelihood by which a followed path may
+lie below the best one.
+"""
 COUNTER_TRUSTED = 1000
 """A stop counter that increased by more than this was reset: the PLC has restarted."""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
@@ -149,7 +155,7 @@ class Chain:
             score[~route.beside(look.position_mm)] = -math.inf
             nowhere -= 3 * math.log(RANGE_MM / PLACED_MM)
         if look.reading_mm is not None and (path.known or not self._signalled):
-            read, fits = _read(path.known, path.stop, route, look.reading_mm)
+            read, fits = _reading_likelihood(path.known, path.stop, route, look.reading_mm)
             score += read
             nowhere -= math.log(RANGE_MM)
         for stop in np.flatnonzero(score > max(score.max() - WITHIN, -1e9)).tolist():
@@ -159,7 +165,7 @@ class Chain:
             elif look.reading_mm is not None:
                 known = {**known, stop: look.reading_mm}
             yield replace(
-                _at(path, look, stop, float(score[stop]), bool(counted[stop])), known=known
+                _extended(path, look, stop, float(score[stop]), bool(counted[stop])), known=known
             )
         yield replace(
             path, score=nowhere, nowhere=True, count=look.count, names=(*path.names, None)
@@ -178,10 +184,10 @@ class Chain:
         alike = float(np.logaddexp.reduce(log_normal(off, noise_mm(steps_mm))))
         cost = AGAIN if path.astray else RARE + math.log(2 * len(off))
         score = path.score - cost - float(counted[stop]) + alike
-        yield replace(_at(path, look, stop, score, bool(counted[stop])), astray=True)
+        yield replace(_extended(path, look, stop, score, bool(counted[stop])), astray=True)
 
 
-def _at(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
+def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
     """Return the extension of a path to a stop."""
     return replace(
         path,
@@ -229,12 +235,12 @@ def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | 
     """
     if reading_mm is None or not known:
         return None
-    read, fits = _read(known, -1, route, reading_mm)
+    read, fits = _reading_likelihood(known, -1, route, reading_mm)
     second, best = np.argsort(read)[-2:].tolist()
     return best if fits[best] and read[best] - read[second] >= ORDINARY else None
 
 
-def _read(
+def _reading_likelihood(
     known: Known, last_stop: int, route: Route, reading_mm: float
 ) -> tuple[Costs, NDArray[np.bool_]]:
     """Return the logarithm of the likelihood of a reading at every stop, and whether the reading
@@ -375,10 +381,10 @@ class Walk:
         stop = min(self.expected, len(self.route) - 1)
         if position_mm is None:
             return self.finding("warning", stop, message("between-stops.no-reading"))
-        wanted = _place(self.route.planned_mm(stop))
+        wanted = _position_words(self.route.planned_mm(stop))
         words = message(
             "unexpected-position",
-            at=_place(position_mm),
+            at=_position_words(position_mm),
             name=run(self.route.setup, self.way),
             wanted=wanted,
         )
@@ -388,7 +394,7 @@ class Walk:
         """Return the finding of a stop that is measured again."""
         if position_mm is None:
             return self.finding("info", stop, message("stop-again.by-laser"))
-        words = message("stop-again.by-position", at=_place(position_mm))
+        words = message("stop-again.by-position", at=_position_words(position_mm))
         return self.finding("info", stop, words)
 
     def _miscounted(self, stop: int, by_count: int, position_mm: Position) -> Finding:
@@ -398,7 +404,10 @@ class Walk:
                 "warning", stop, message("count-disagrees.with-laser", counted=by_count, named=stop)
             )
         words = message(
-            "count-disagrees.with-position", counted=by_count, at=_place(position_mm), named=stop
+            "count-disagrees.with-position",
+            counted=by_count,
+            at=_position_words(position_mm),
+            named=stop,
         )
         return self.finding("warning", stop, words)
 
@@ -490,5 +499,5 @@ class Walk:
         return self.expected, [self.finding("warning", self.expected, back)]
 
 
-def _place(position_mm: tuple[float, float, float]) -> str:
+def _position_words(position_mm: tuple[float, float, float]) -> str:
     return ", ".join(f"{value:.4f}" for value in position_mm)

@@ -28,9 +28,12 @@ from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
 LOOK_BACK_NS = 5_000_000_000
+"""Time in ns before a standstill in which its approach is searched: longer than the last part of a
+slow move.
+"""
 AWAY_MM = 0.2
-"""Distance in mm beyond which a machine is moving: no machine swings so far, and no drive
-overshoots by it.
+"""Distance in mm beyond which a machine is moving: vibration and overshoot are smaller on every
+machine.
 """
 AWAY_SHARE = 0.25
 """Share of a shorter step used in its place; for a step whose share is below `STILL_MM` nothing is
@@ -49,7 +52,8 @@ uncertainties, and a step seven standard deviations of what two levels leave."""
 class Taken:
     """A window of readings: the statistics, its bounds, and what is doubtful about it.
 
-    ``step`` is the size of a step in it, in um and in standard deviations of what two levels leave.
+    ``step`` is the size of a step in the window, in um and in standard deviations of the residuals
+    of two levels.
     """
 
     window: Window
@@ -118,9 +122,9 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
     """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
 
-    The first ``settle_s`` are left out. If the rest is not yet steady, later and shorter parts of
-    it are tried, while they are long enough. A step in the rest, or a frozen value, makes the stop
-    doubtful, whichever part is used.
+    The first ``settle_s`` are left out. If the standstill is not yet steady, later and shorter
+    parts of it are tried, down to the shortest allowed length. A step in the rest, or a frozen
+    value, makes the stop doubtful, whichever part is used.
     """
     start = part.from_ns + rules.settle_s * 1e9
     span = part.span(stream, start)
@@ -185,8 +189,9 @@ def take(
 
 
 def _unsteady(window: Window, rules: StopRules) -> list[Message]:
-    """Return why a window is not steady: its trend beyond doubt too steep, or its scatter too wide;
-    nothing if it is."""
+    """Return the reason why a window is not steady (its trend is certainly too steep, or its
+    scatter too wide); empty for a steady window.
+    """
     if abs(window.slope_um_s) > rules.max_slope_um_s + STEADY_SIGMAS * window.u_slope_um_s:
         return [
             message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)

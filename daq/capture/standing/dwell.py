@@ -43,8 +43,8 @@ SAME_STOP_MM = 0.05
 micrometres."""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
-"""Positions of a standstill that are distinguished: as many give its median, and a machine may
-stand for hours.
+"""Largest number of different positions stored for a standstill: enough for its median, and bounded
+if a machine stands for hours.
 """
 FLICKER_NS = 300_000_000
 """A shorter absence of the stop signal in ns is a flicker; no machine makes a step in this time and
@@ -180,8 +180,9 @@ def count_steps(before: int, after: int) -> int:
 
 
 RECENT, RECENT_NS = 9, 50_000_000
-"""The end of one dwell and the beginning of the next are compared, and all between them. The newest
-samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan."""
+"""The samples from the end of one dwell to the beginning of the next are compared. The newest
+samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan.
+"""
 SAMPLES_WAIT_NS = 500_000_000
 """Longest wait in ns for the samples of a dwell before the dwell is judged without them."""
 
@@ -231,7 +232,7 @@ class Standstills:
                 return False
             if not one:
                 return True
-            self._waiting[0] = _joined(self._waiting[0], self._waiting.pop(1).dwell)
+            self._waiting[0] = _single_dwell(self._waiting[0], self._waiting.pop(1).dwell)
         if going_on is None:
             return now_ns - self._waiting[0].end_ns >= FLICKER_NS
         one = _one(self._waiting[0], going_on, placing)
@@ -315,7 +316,7 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
     return beginning[-RECENT:]
 
 
-def _joined(before: _Waiting, after: Dwell) -> _Waiting:
+def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:
     """Return two dwells as a single dwell: the whole of both if no move was observed, else the
     longer part; the signals are the most frequent.
     """

@@ -200,13 +200,18 @@ def find_plateaus(
 
 STEP_BLOCKS = 32
 LEAST_BLOCKS = 8
+"""Fewer blocks of a window cannot separate two levels from a straight line."""
 NEAR = 3
 """Blocks compared on either side of a step: a step is sharp, a slower change is a drift."""
 SHARP = 0.7
+"""Least share of a step that has to happen between neighbouring blocks: a slower change is a drift.
+"""
 LEAST_STEP_UM = 0.5
+"""Smaller steps are not reported: they are within the repeatability of an ordinary machine."""
 UNLIKE_A_DRIFT = 0.35
-"""Two levels explain the window if they leave at most so much of the squares that a straight line
-leaves."""
+"""Two levels explain the window if their square sum is at most this share of the square sum of a
+straight line.
+"""
 WRONG_SHARE = 0.01
 """More wrong lines than `LEAST_SAMPLES` and so large a share of the window are no accident."""
 RESTLESS_UM = 0.02
@@ -214,6 +219,7 @@ RESTLESS_UM = 0.02
 never sends one constant value for half a window.
 """
 FROZEN_SAMPLES = 10
+"""Fewer equal samples in a row occur on a quiet machine by chance."""
 LEAVING_SHARE = 0.1
 """Share of the samples of a standstill that may be of a move: a PLC reports the standstill for up
 to a scan too long.
@@ -253,13 +259,14 @@ def _leaving(position_mm: NDArray[np.float64]) -> int:
 
 
 def step_in_um(position_mm: NDArray[np.float64]) -> float:
-    """Return the size of the step between two levels in a window, in um; 0 where it has none."""
+    """Return the size of the step between two levels in a window, in um; 0 without a step."""
     return find_step(position_mm)[0]
 
 
 def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the size of the step between two levels in a window, in um, and in standard deviations
-    of what the levels leave; 0 where it has none."""
+    """Return the size of the step between two levels in a window, in um and in standard deviations
+    of the residuals; 0 without a step.
+    """
     size = -(-len(position_mm) // STEP_BLOCKS)
     count = len(position_mm) // size
     if count < LEAST_BLOCKS:

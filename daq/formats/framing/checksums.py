@@ -39,7 +39,7 @@ _CRCS: Mapping[str, Crc] = {
 _EVERY_BYTE = bytes(range(256))
 
 
-def _table(crc: Crc) -> tuple[int, ...]:
+def _crc_table(crc: Crc) -> tuple[int, ...]:
     """Return the change of the register by each value of a byte."""
     mask, top = (1 << crc.width) - 1, 1 << crc.width - 1
     if crc.reflected:
@@ -60,7 +60,7 @@ def _table(crc: Crc) -> tuple[int, ...]:
 
 def checksum(crc: Crc) -> Checksum:
     """Return the checksum that a CRC describes."""
-    table, start, mask, shift = _table(crc), crc.start, (1 << crc.width) - 1, crc.width - 8
+    table, start, mask, shift = _crc_table(crc), crc.start, (1 << crc.width) - 1, crc.width - 8
 
     def reflected(data: bytes) -> int:
         register = start

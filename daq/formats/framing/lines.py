@@ -44,8 +44,8 @@ class LineBuffer:
         return complete
 
     def preview(self, chunk: bytes) -> bytes:
-        """Return the lines that `feed` would return, without consuming them; also empty where the
-        present line is to be discarded or is too long.
+        """Return the lines that `feed` would return, without consuming them; empty if the present
+        line is too long or is being discarded.
         """
         cut = chunk.rfind(self._terminator) + 1
         if self._skipping or len(chunk) - cut > self.cap:

@@ -76,7 +76,7 @@ class OpenPort:
             self._quiet()
 
     def hurry(self) -> None:
-        """End a pause and a read: the waiting bytes are needed now."""
+        """End a running pause or read at once, so that the waiting bytes are processed now."""
         with self._closing:
             if not self._closed:
                 os.eventfd_write(self._bell, 1)

@@ -49,9 +49,9 @@ class TableCase:
         """Return the regression on a curve; None if the table does not cover half of the measured
         travel.
 
-        A table holds, at its own points, the sum of all earlier tables and the curve's request, and
-        straight lines between: no more is asked of it. ``turn_um_mm`` is the addition of a turn of
-        the workpiece to the slope of the curve, which is no error.
+        A right table contains, at its own points, the sum of all earlier tables and of the
+        requested curve; between its points straight lines are accepted. ``turn_um_mm`` is the
+        addition of a turn of the workpiece to the slope of the curve, which is no error.
         """
         first, last = curve.position_mm[[0, -1]]
         own = curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm

@@ -101,8 +101,8 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     """Return the mean of the movement of an output axis over the volume, at the vertices along one
     axis of the lattice.
 
-    A lattice has the same requirement as a table: the right value at its own points, whatever its
-    spacing cannot hold between them.
+    A lattice, like a table, has to be right at its own points; the error that its spacing leaves
+    between them is not judged.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
     along = _nodes_mm(volume)
@@ -110,7 +110,7 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     moved = moved_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
     mean = np.mean(moved, axis=tuple({0, 1, 2} - {moving}))
-    return _table(name, along[moving], mean - mean[0])
+    return _lattice_table(name, along[moving], mean - mean[0])
 
 
 def _folded(tables: list[Table]) -> list[Table]:
@@ -123,7 +123,9 @@ def _folded(tables: list[Table]) -> list[Table]:
         slope = _rise_um(found[other]) / float(np.ptp(found[other].position_mm))
         for name, sign in ((other, -1.0), (target, 1.0)):
             at = found[name].position_mm
-            found[name] = _table(name, at, found[name].value_um + sign * slope * (at - at[0]))
+            found[name] = _lattice_table(
+                name, at, found[name].value_um + sign * slope * (at - at[0])
+            )
     return list(found.values())
 
 
@@ -144,10 +146,10 @@ def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
                     multiplier = Multiplier(
                         axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0])
                     )
-                    yield _table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
+                    yield _lattice_table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
 
 
-def _table(
+def _lattice_table(
     name: str, position_mm: Vector, value_um: Vector, multiplier: Multiplier | None = None
 ) -> Table:
     return Table(

@@ -14,8 +14,8 @@ the request, so a table's residue of an error follows from the two: hypot(1 - fa
 
 Sizes are rms over points of equal weight with their means taken off: an origin is no error. Three
 sizes excuse a difference. ``sure_um`` is the part hidden by rounding and the result's uncertainty.
-The part ``unheld_um`` is the one that the points of the table cannot hold. The value ``spike_um``
-is the largest plausible scatter at a single place by these two and a tolerated size.
+``unheld_um`` is the part that a table with these points cannot represent. The value ``spike_um`` is
+the largest plausible scatter at a single place by these two and a tolerated size.
 """
 
 from collections.abc import Iterable, Sequence
@@ -193,8 +193,8 @@ def explain(
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
         return Explained("beside", fit, shift_mm=shift)
     sized = [fit for fit in own if abs(fit.alike) >= ALIKE and fit.is_large]
-    # two slopes are alike to rounding, whatever their sizes: then the one that the table misses
-    # least
+    # the likeness of two slopes differs by rounding alone, so among equals the one with the
+    # smallest residual of the table wins
     if sized:
         return Explained(
             "scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left()))

@@ -31,7 +31,9 @@ TURNED = "turned"
 machine reversed there.
 """
 NO_ZERO = -1
-"""A reading whose count may not reach beyond its pass: it is relative to the pass's first stop."""
+"""Value for a reading without a zero shared with other passes: it is relative to the first stop of
+its pass.
+"""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
 """Largest share of missing stops within a pass that can still be solved."""
@@ -371,9 +373,8 @@ def render_readings(readings: Readings) -> str:
         fields += [_decimal(value, 7) for value in readings.position_mm[row]]
         fields.append(_decimal(readings.reading_mm[row], 9))
         fields += [_decimal(column[row], 6) for column in optional.values()]
-        fields += (
-            [str(readings.zero[row]) if readings.zero[row] != NO_ZERO else ""] if zeros else []
-        )
+        if zeros:
+            fields.append("" if readings.zero[row] == NO_ZERO else str(readings.zero[row]))
         fields += [_decimal(value, 7) for value in readings.beam_mm[row]] if beam else []
         fields += [str(int(column[row])) for column in flags.values()]
         out.write(",".join(fields) + "\n")

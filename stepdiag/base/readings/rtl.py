@@ -71,9 +71,9 @@ def parse_rtl(text: str, source: str) -> Rtl:
     targets = _targets(sections, texts, source)
     runs = _count(texts, "run-count", MOST_RUNS, source)
     deviations = np.full((runs, len(targets)), np.nan)
-    for number, line in _rows(sections, source):
+    for number, line in _deviation_lines(sections, source):
         where = f"{source}: deviation {number}"
-        run, target, deviation = _row(line, where)
+        run, target, deviation = _deviation_row(line, where)
         if not (1 <= run <= runs and 1 <= target <= len(targets)):
             expected = message("runs-and-targets", runs=runs, targets=len(targets))
             raise DataError(
@@ -175,7 +175,9 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
         for line in (lines[begin].partition(":")[2], *lines[begin + 1 : end])
         for word in line.split()
     ]
-    targets = [_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)]
+    targets = [
+        _bounded_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)
+    ]
     if len(targets) != count or count < 2:
         raise DataError(
             f"{source}: Targets",
@@ -193,7 +195,7 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
     return found
 
 
-def _rows(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int, str]]:
+def _deviation_lines(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int, str]]:
     """Yield the lines of numbers of the deviations, numbered."""
     number = 0
     for line in sections["DEVIATIONS"]:
@@ -205,7 +207,7 @@ def _rows(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int,
         yield number, line
 
 
-def _row(line: str, where: str) -> tuple[int, int, float]:
+def _deviation_row(line: str, where: str) -> tuple[int, int, float]:
     words = line.split()
     if len(words) != 3 or not (
         words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9
@@ -213,7 +215,7 @@ def _row(line: str, where: str) -> tuple[int, int, float]:
         raise DataError(
             where, expected=message("run-target-deviation"), found=repr(excerpt(line.strip()))
         )
-    deviation = _number(words[2], where)
+    deviation = _bounded_number(words[2], where)
     if abs(deviation) > LARGEST_DEVIATION_UM:
         raise DataError(
             where,
@@ -223,7 +225,7 @@ def _row(line: str, where: str) -> tuple[int, int, float]:
     return int(words[0]), int(words[1]), deviation
 
 
-def _number(word: str, where: str) -> float:
+def _bounded_number(word: str, where: str) -> float:
     if not _NUMBER.fullmatch(word) or abs(float(word)) > LARGEST:
         raise DataError(
             where, expected=message("number-with-decimal-point"), found=repr(excerpt(word))

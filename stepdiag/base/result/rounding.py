@@ -15,9 +15,8 @@ def steady(value: float, decimals: int) -> float:
     """Return ``value`` rounded to ``decimals``, never a negative zero; a tie is rounded in the same
     direction on every processor.
 
-    Numbers computed from a few exact ones are ties more often than by chance (the middle of two
-    nodes), and there the last bits of a sum, which differ with the kernels of numpy's products,
-    would decide.
+    Numbers computed from a few exact numbers are often ties (the middle of two nodes). The last
+    bits of a sum, which differ between processors, would decide their rounding.
     """
     return round(round(value, decimals + _SLACK), decimals) + 0.0
 

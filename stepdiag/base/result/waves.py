@@ -22,8 +22,8 @@ functions of five half waves on five increments differ from the size predicted b
 factor of 1.3 on average.
 """
 HARMFUL = 0.42
-"""Largest share of a function off the curve through its values; beyond it the values show little
-between them: more than three and a half waves on ten increments.
+"""Largest share of a function that the curve through its values may miss; more than three and a
+half waves on ten increments exceed it.
 """
 LEAST_VALUES = 8
 """With fewer values, the fourth differences are too few to separate waves from bends: five
@@ -32,7 +32,9 @@ increments would nearly always be called coarse.
 FINEST_MM = 1e-3
 """Positions closer than this to a node count as the node."""
 _SURE = 2.0
-"""Factor within which values predict the waves between them: only a larger wave is unexpected."""
+"""Factor by which a wave between the values may exceed the predicted size before it counts as
+unexpected.
+"""
 FEW_VALUES = 6
 """With so few values of a function its waves cannot be separated from its bends: half of the
 knowledge (in logarithms) is then the usual size.

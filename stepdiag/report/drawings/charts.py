@@ -142,7 +142,7 @@ def _band(series: Series, horizontal: Scale, vertical: Scale, order: int) -> lis
     return parts
 
 
-def _line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> list[str]:
+def _chart_line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> list[str]:
     parts = []
     for run in _runs(np.isfinite(series.y)):
         points = [
@@ -212,7 +212,7 @@ def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: s
     for order, one in enumerate(series):
         content += _band(one, horizontal, vertical, order)
     for order, one in enumerate(series):
-        content += _line(one, horizontal, vertical, order)
+        content += _chart_line(one, horizontal, vertical, order)
     for one in reversed(series):
         content += _values(one, horizontal, vertical, x_label, y_label)
     if len(series) > 1:

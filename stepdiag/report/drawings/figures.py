@@ -33,7 +33,7 @@ def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:
 
 def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure:
     function, reversal = result.errors[name], result.reversal.get(name)
-    lines = _lines(function, reversal, words)
+    lines = _function_lines(function, reversal, words)
     unit = UNITS[function.unit]
     title = name if function.slope_identified else f"{name} ({words['shape_only']})"
     drawing = charts.line_chart(
@@ -52,7 +52,9 @@ def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure
     )
 
 
-def _lines(function: Function, reversal: Function | None, words: dict[str, str]) -> list[Series]:
+def _function_lines(
+    function: Function, reversal: Function | None, words: dict[str, str]
+) -> list[Series]:
     """Return the mean of both directions with its band, and the two directions if the data give
     them.
     """

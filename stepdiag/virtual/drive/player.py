@@ -112,7 +112,8 @@ class Drive:
 
 class Player:
     """Plays the steps of a program. Safe to use from several threads. A move and a signalled dwell
-    end when ``hold`` lets them."""
+    end only when ``hold`` permits it.
+    """
 
     def __init__(
         self,

@@ -205,13 +205,8 @@ def _stop_steps(
         stop=stop,
     )
     yield move
-    counts = (
-        0
-        if stuck or faults.take("count-missed", *place)
-        else 2
-        if faults.take("count-doubled", *place)
-        else 1
-    )
+    missed = stuck or faults.take("count-missed", *place)
+    counts = 0 if missed else 1 + bool(faults.take("count-doubled", *place))
     silent = faults.take("stop-unsignalled", *place) is not None
     longer = faults.take("dwell-longer", *place)
     dwell_s = plan.dwell_s + (longer.duration_s if longer else 0.0)

@@ -32,9 +32,9 @@ class Plc:
 
     The image is renewed every ``scan_s``: a change in the control appears up to that much later,
     counter and position ``lag_s`` later. ``order`` is the byte order of the 32-bit positions,
-    ``base`` the address of the block, ``registers`` what the positions are: commanded or actual
-    ones, whose scatter ``seed`` draws anew for each scan. Coils and discrete inputs 0 to 2 repeat
-    the bits of the state word.
+    ``base`` the address of the block. ``registers`` selects commanded or actual positions; ``seed``
+    draws the scatter of actual positions anew for each scan. Coils and discrete inputs 0 to 2
+    repeat the bits of the state word.
     """
 
     def __init__(  # noqa: PLR0913 - one argument a property of the PLC

@@ -122,7 +122,7 @@ def test_two_orders_of_axes_that_make_the_same_steps_are_named_together(tmp_path
     assert values == ['"yzx" or "zyx"']
 
 
-@pytest.mark.parametrize("machine", ["all", "stopped"])
+@pytest.mark.parametrize("machine", spread(["all", "stopped"], 2))
 def test_a_wrong_order_is_named_in_the_line_that_decides_it(machine, tmp_path):
     """The orders of the repeats go before the order of the volume: a new survey states them. The
     file that follows the advice finds every pass in the same logs."""
@@ -175,9 +175,18 @@ def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
     assert float(first.message.arguments["value"]) == pytest.approx(0.1333224, rel=1e-5)
 
 
-@pytest.mark.parametrize("machine", ["stopped", "no positions"])
-@pytest.mark.parametrize(("back", "again"), [(False, (1,)), (True, (1,)), (True, (1, 2))])
-@pytest.mark.parametrize("setup", ["ppp", "npp"])
+@pytest.mark.parametrize(
+    ("machine", "back", "again", "setup"),
+    spread(
+        [
+            (machine, back, again, setup)
+            for machine in ("stopped", "no positions")
+            for back, again in ((False, (1,)), (True, (1,)), (True, (1, 2)))
+            for setup in ("ppp", "npp")
+        ],
+        5,
+    ),
+)
 def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, again, setup, tmp_path):
     """The machine does not stand at the first stop. The steps are those of a program in the order
     YZX until the pass ends. The pass driven again, alone or with its way back, makes the survey
@@ -196,7 +205,7 @@ def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, again,
     assert found.passes == found.wanted + len(again) - 1
 
 
-@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("back", spread([True, False], 2))
 def test_an_order_that_begins_like_a_missing_first_stop_is_named_without_signals(back, tmp_path):
     """The steps of YZX are those of XYZ from the second stop on; the seventh stop tells them
     apart."""
@@ -209,7 +218,7 @@ def test_an_order_that_begins_like_a_missing_first_stop_is_named_without_signals
     ] == [(7, "volume.axis_order")]
 
 
-@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("back", spread([True, False], 2))
 def test_a_missing_first_stop_without_signals_leaves_the_next_pass_whole(back, tmp_path):
     shop = replace(
         shop_of("nothing"), machine="none", back=back, faults=(Fault("skipped", "ppp", 1, 0, 0),)

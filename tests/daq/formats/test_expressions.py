@@ -204,7 +204,7 @@ def test_a_machine_without_a_stopped_bit_is_read_and_understood():
         (
             "[plc.inputs.mark]",
             "[plc.inputs.stopped]",
-            "plc.inputs.stopped: expected a name that is no signal's",
+            "plc.inputs.stopped: expected a name that no signal has",
         ),
         (
             'stopped = "mark > 0 and exact_x"\n',

@@ -367,7 +367,9 @@ def test_recovery_overwrites_nothing_and_mends_only_what_is_broken(tmp_path: Pat
         recover(tmp_path / "a.mcap")
     part = tmp_path / "a.mcap.part"
     part.write_bytes((tmp_path / "a.mcap").read_bytes()[:-50])
-    with pytest.raises(DataError, match=r"a\.mcap: expected a new file, found one that exists"):
+    with pytest.raises(
+        DataError, match=r"a\.mcap: expected a new file, found a file that already exists"
+    ):
         recover(part)
     with pytest.raises(UsageError, match="expected a file that can be written"):
         recover(part, tmp_path / "no-folder" / "b.mcap")

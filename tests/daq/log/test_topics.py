@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from stepdiag.base.findings import Finding, finding
@@ -70,7 +71,7 @@ NOTES = [
         ),
     ),
     stop_note(STOP, 3.7, -1.25),
-    scene_note(VOLUME, [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0)], [STOP]),
+    scene_note(VOLUME, np.array([(0.0, 0.0, 0.0), (1.0, 2.0, 3.0)]), [STOP]),
     finding_note(5, Finding(code="beam-lost", severity="error", text="words")),
     finding_note(
         5,
@@ -167,7 +168,7 @@ def test_the_scene_holds_box_route_and_stops_in_metres() -> None:
         doubts=(Remark("stop-doubtful", "unsteady"),),
     )
     (entity,) = scene_note(
-        VOLUME, [(0.0, -10.0, 0.0), (500.0, 390.0, 300.0)], [STOP, doubted]
+        VOLUME, np.array([(0.0, -10.0, 0.0), (500.0, 390.0, 300.0)]), [STOP, doubted]
     ).fields["entities"]
     box, route = entity["lines"]
     assert (box["type"], len(box["points"]), route["type"], len(route["points"])) == (2, 24, 0, 2)
@@ -177,7 +178,5 @@ def test_the_scene_holds_box_route_and_stops_in_metres() -> None:
         {"x": 0.5, "y": 0.39, "z": 0.3},
     ]
     assert entity["spheres"][0]["color"] != entity["spheres"][1]["color"]
-    long = scene_note(VOLUME, [(float(at), 0.0, 0.0) for at in range(2000)], [STOP] * 2000).fields[
-        "entities"
-    ][0]
+    long = scene_note(VOLUME, np.arange(6000.0).reshape(-1, 3), [STOP] * 2000).fields["entities"][0]
     assert (len(long["lines"][1]["points"]), len(long["spheres"])) == (2, MOST_DRAWN)

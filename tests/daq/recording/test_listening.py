@@ -28,7 +28,7 @@ def test_nonsense_is_said_once_after_a_while():
     assert said(ears, NONSENSE, 0, PATIENCE_NS / S - 0.1) == []
     ((code, text),) = said(ears, NONSENSE, PATIENCE_NS / S, 60)
     assert code == "bytes-garbled"
-    assert "it begins with f8 00 9c e0" in text
+    assert "they begin with f8 00 9c e0" in text
     assert "check baud rate" in text
 
 
@@ -59,7 +59,7 @@ def test_after_who_was_named_the_next_wrong_one_is_named_too():
     ears.take_link(LinkEvent(10 * S, "laser", "lost", ""))
     ((_, text),) = said(ears, b"login: ", 20, 60)
     assert len(first) == 1
-    assert "it begins with 6c 6f 67 69 6e" in text
+    assert "they begin with 6c 6f 67 69 6e" in text
 
 
 def test_noise_at_opening_does_not_accuse_the_instrument_that_gets_power_an_hour_later():

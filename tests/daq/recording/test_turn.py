@@ -17,6 +17,7 @@ from stepdiag.virtual.drive.setups import aligned_setup
 from stepdiag.virtual.physics.error_functions import Table
 from stepdiag.virtual.physics.machine import Machine
 from testkit.exact.driven import Fault, Program, machine_of, recorded, survey_file
+from testkit.examples import spread
 from testkit.fault_cases import COUNTED, STOPPED
 from testkit.ordinary.measured import simulate_pass
 from testkit.timeline import SETUPS as NUMBERS
@@ -87,8 +88,17 @@ def backlash(session):
     return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").backlash
 
 
-@pytest.mark.parametrize("signals", [COUNTED, STOPPED], ids=["counted", "stopped"])
-@pytest.mark.parametrize("program", [TurningRound, TurningTwice])
+@pytest.mark.parametrize(
+    ("program", "signals"),
+    spread(
+        [
+            pytest.param(program, signals, id=f"{program.__name__}-{name}")
+            for program in (TurningRound, TurningTwice)
+            for name, signals in (("counted", COUNTED), ("stopped", STOPPED))
+        ],
+        3,
+    ),
+)
 def test_who_turns_round_at_a_stop_has_each_axis_on_its_side_until_it_moves(
     tmp_path, program, signals
 ):

@@ -67,7 +67,7 @@ def test_the_guide_shows_what_is_shipped(name):
         (
             TNC + '[plc.signals.stopped]\naddress = 1\ntable = "B"\ntype = "int32"',
             (
-                'plc.signals.stopped.order: expected "DCBA", as this control keeps its numbers, '
+                'plc.signals.stopped.order: expected "DCBA", the byte order of this control, '
                 'found "ABCD"'
             ),
         ),

@@ -243,15 +243,18 @@ def test_an_unknown_key_is_refused_with_the_nearest_known_one(text: str, message
         ),
         (
             STOPPED + "[plc.signals.stop_count]\naddress = 2\n",
-            "plc.signals.stop_count.address: expected a place of its own, found holding 2",
+            (
+                "plc.signals.stop_count.address: expected an address that no other signal has, "
+                "found holding 2"
+            ),
         ),
         (
             STOPPED + '[plc.signals.running]\naddress = 2\ntype = "bit"\n',
-            "found holding 2 bit 0, where stopped is (holding 2 bit 0)",
+            "found holding 2 bit 0, which stopped uses (holding 2 bit 0)",
         ),
         (
             STOPPED + '[plc.signals.x_mm]\naddress = 1\ntype = "int32"\n',
-            "found holding 1-2, where stopped is",
+            "found holding 1-2, which stopped uses",
         ),
         (
             STOPPED + '[plc.signals.x_mm]\naddress = 65535\ntype = "int32"\n',

@@ -70,7 +70,7 @@ def test_what_is_written_is_read(qd, psd2, dead, reference):
         ),
         ('date = "2026-03-31"', 'date = "yesterday"', "head.toml: head.date"),
         ("sign = 1", "sign = 0", "head.toml: qd.x.sign"),
-        ("low = -0.9", "low = 0.95", "head.toml: qd.x.high: expected more than low"),
+        ("low = -0.9", "low = 0.95", "head.toml: qd.x.high: expected a value above low"),
         ("[qd.x]", "[qd.X]", "head.toml: qd.X: expected one of"),
         ('id = "4D-001"', 'id = ""', "head.toml: head.id"),
         ("[head]", "[head", "head.toml: expected TOML"),

@@ -189,7 +189,7 @@ class TestQuickLook:
                     [4, 7, 10, 24],
                 )
             ],
-            3,
+            5,
         ),
     )
     def test_a_quick_look_has_its_points_where_the_errors_were_measured(
@@ -217,7 +217,7 @@ class TestQuickLook:
             )
         assert left[None] <= min(left.values()) + 0.02
 
-    @pytest.mark.parametrize(("targets", "sections"), [(20, 20), (10, 10), (None, None)])
+    @pytest.mark.parametrize(("targets", "sections"), spread([(20, 20), (10, 10), (None, None)], 2))
     def test_a_quick_look_meets_the_targets_of_a_run(self, targets, sections, tmp_path):
         """Finer than the diagonals', or irregular (ISO 230-2): the largest part of the increments
         that meets them."""
@@ -311,7 +311,10 @@ def test_a_table_that_does_not_stand_where_it_was_measured_says_what_it_leaves(t
         )
     )
     assert len(wide) == 1
-    assert "up to: EXX 2.0 µm, EYX 0.5 µm; take a step that meets them, or a smaller one" in wide[0]
+    assert (
+        "up to: EXX 2.0 µm, EYX 0.5 µm; take a step that includes these positions, or a "
+        "smaller step" in wide[0]
+    )
     for step_mm in (100.0, 50.0):
         fine = export(
             RESULT,

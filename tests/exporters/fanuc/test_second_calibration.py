@@ -136,6 +136,6 @@ def test_old_pitch_data_without_their_interval_are_refused():
     elsewhere."""
     lines = [b"N1%04dQ0P%d" % (point, point % 3) for point in range(700)]
     own = ControlFile(name="PITCH.TXT", data=EOB.join([b"%", *lines, b"%"]) + EOB)
-    with pytest.raises(SafetyError, match=r"parameter 3624.*none for A1, A2, A3") as refusal:
+    with pytest.raises(SafetyError, match=r"parameter 3624.*no interval for A1, A2, A3") as refusal:
         CONTROL.standing([own], (), profile(8, own, "on"))
     assert refusal.value.code == "template-missing.parameters"

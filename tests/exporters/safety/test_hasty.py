@@ -4,13 +4,15 @@ before."""
 from collections import Counter
 
 from testkit.exact.hasty import NEEDED, lived, stories
+from testkit.examples import spread
 
 
 def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
     """Old tables, half switched, loaded twice or half, edited, of another machine, listed wrongly;
-    right ones go through. Every third sequence; `benchmarks.hasty` goes through all."""
+    right ones go through. Every sixth sequence, all in `make explore` and `benchmarks.hasty`."""
     quiet, stopped, refused = [], Counter(), []
-    for number, story in list(enumerate(stories()))[::3]:
+    told = spread(list(enumerate(stories())), 6)
+    for number, story in told:
         why, before, after = lived(story, number, tmp_path / f"{number}")
         stopped[why] += 1
         if not why and after > 1.02 * before + 0.3:
@@ -19,5 +21,5 @@ def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
             refused.append(f"{story}: {why}")
     assert quiet == []
     assert refused == []
-    assert sum(stopped.values()) >= 32
-    assert min(stopped["read back"], stopped["loading"]) >= 2
+    assert len(told) >= 16
+    assert min(stopped["read back"], stopped["loading"]) >= 1

@@ -4,8 +4,9 @@ a machine that is worse than before."""
 import pytest
 
 from testkit.exact.others import MAKERS, NEEDED, Story, lived, stories, worse
+from testkit.examples import spread
 
-DRAWN = 4
+DRAWN = len(spread(range(4), 2))
 """Sequences of each control in a run of the tests; `benchmarks.hasty` goes through all."""
 
 

@@ -31,8 +31,8 @@ from testkit.exact.surveys import IDEAL, Bench
 
 GOALS_UM = {0: 1.6, 1: 1.6, 3: 1.4}
 """By the seed of the machine, rms over the volume without rigid motion."""
-WITH_LEVERS_UM = {0: 1.09, 1: 1.09, 3: 1.04}
-"""What the whole field of the result leaves there is 1.08, 1.07 and 1.04 um."""
+WITH_LEVERS_UM = {0: 1.10, 1: 1.09, 3: 1.07}
+"""What the whole field of the result leaves there is 1.08, 1.08 and 1.04 um."""
 SECTIONS = 20
 
 

@@ -63,9 +63,10 @@ def codes_of(found):
     return {finding.key for finding in found.findings}
 
 
-@pytest.mark.parametrize("size_um", [5.0, -200.0])
 @pytest.mark.parametrize(
-    "how", [{}, {"passes": (1, 2), "joined": True}], ids=["one-way", "out-and-back"]
+    ("how", "size_um"),
+    spread([*product([{}, {"passes": (1, 2), "joined": True}], [5.0, -200.0])], 3),
+    ids=str,
 )
 def test_a_step_of_the_count_is_named_and_costs_nothing(how, size_um):
     """Driven once, another pass may explain 5 µm as well: then both are named, and nothing is
@@ -112,20 +113,20 @@ def scores(bench, result):
 def test_a_step_too_small_to_prove_lies_within_u_or_is_refused():
     """2 µm are four times what one approach of an ordinary machine misses by: the noise is
     estimated larger, U holds the truth."""
-    found = []
-    for seed in range(8):
+    found, seeds = [], spread(range(8), 2)
+    for seed in seeds:
         bench = Bench(seed=seed)
         result = solve(stepped(bench.survey(), 2.0, seed)[0])
         if not any(finding.severity == "error" for finding in result.findings):
             found += scores(bench, result)
-    assert len(found) > 300
+    assert len(found) > 40 * len(seeds)
     assert np.mean(np.abs(found) <= 2.0) >= 0.95
     assert np.sqrt(np.mean(np.square(found))) < 1.1
 
 
 @pytest.mark.parametrize("angle_urad", [0.0, 20.0])
 def test_good_surveys_are_left_alone(angle_urad):
-    for seed in range(20, 24):
+    for seed in spread(range(20, 24), 2):
         assert not codes_of(adjusted(Bench(seed=seed, angle_urad=angle_urad).survey()))
         assert not [
             each.key
@@ -161,7 +162,7 @@ def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
 def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
     """Steps of 1.2 µm from stop to stop are what the moves of an ordinary machine miss by; 20 µm no
     machine's are."""
-    for seed in (3, 4):
+    for seed in spread((3, 4), 2):
         bench = Bench(seed=seed)
         readings = bench.survey()
         rng, wrong = np.random.default_rng(seed), np.array(readings.setup) == "ppn"
@@ -181,7 +182,7 @@ def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
 def test_a_setup_that_is_off_by_more_than_any_shop_is_refused_with_every_setup_that_could_be(um_m):
     """One length compares all seven setups. 70 µm/m on one diagonal are refused in one survey of
     two, 50 µm/m are said."""
-    for seed in (101, 102):
+    for seed in spread((101, 102), 2):
         readings = Bench(seed=seed).survey()
         longer = np.where(np.array(readings.setup) == "npp", 1 + 1e-6 * um_m, 1.0)
         errors = [
@@ -215,7 +216,7 @@ def warmed(readings, um_m):
 def test_a_machine_that_warms_is_in_the_model_and_blames_no_stop(um_m, how):
     """2 and 8 K over the survey: the machine of the survey's middle lies within U, and no stop is
     blamed."""
-    for seed in range(2):
+    for seed in spread(range(2), 2):
         bench = Bench(seed=seed)
         result = solve(warmed(bench.survey(**how), um_m))
         assert np.mean(np.abs(scores(bench, result)) <= 2.0) >= 0.93
@@ -227,7 +228,7 @@ def test_a_machine_that_warms_is_in_the_model_and_blames_no_stop(um_m, how):
 def test_growth_that_stands_out_of_its_uncertainty_is_reported_with_its_size():
     """100 µm/m in the 0.9 h of a survey out and back, of which the first half hour is known to 50
     µm/m."""
-    for seed in range(2):
+    for seed in spread(range(2), 2):
         readings = Bench(seed=seed).survey(passes=(1, 2))
         (finding,) = [
             each

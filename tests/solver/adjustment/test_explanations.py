@@ -20,6 +20,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.effects import BESIDE, ONE_SCALE
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import spread
 
 FAMILY = ("counts", "evidence", "exchanged", "explanations", "faults", "naming", "smoothness")
 KINDS = np.array([*[SCALE] * 7, *[PRODUCT] * 10, GROWN])
@@ -73,7 +74,7 @@ def test_two_u_reach_over_every_explanation_of_one_pattern(odds):
 @pytest.mark.parametrize("how", [{}, {"passes": (1, 2)}], ids=["one-way", "out-and-back"])
 def test_nothing_is_left_open_of_a_good_survey(how):
     """Then its result is that of the plain adjustment, to the last bit."""
-    for seed in range(20, 24):
+    for seed in spread(range(20, 24), 2):
         found = adjust(lay_out(Bench(seed=seed).survey(**how)), "FXYZ")
         assert found.explained.nothing > 0.5
         assert not {ONE_SCALE, BESIDE} & {effect.name for effect in found.effects}
@@ -85,7 +86,7 @@ def test_nothing_is_left_open_of_a_good_survey(how):
 def test_a_machine_beside_the_model_is_named_or_in_the_mixture(product, size_um):
     """Each product is read by the diagonals alone; what explains as much as it does stays probable
     beside it."""
-    for seed in (20, 21):
+    for seed in spread((20, 21), 2):
         readings = Bench(seed=seed).survey()
         column = size_um * products_um(lay_out(readings))[:, list(PRODUCTS).index(product)]
         result = adjust(

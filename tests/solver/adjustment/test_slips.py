@@ -12,6 +12,7 @@ from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.members import UnseenSlip
 from stepdiag.solver.methods.solve import solve
 from testkit.exact.surveys import DATA, DIAGONALS, IDEAL, LINEAR, Bench
+from testkit.examples import spread
 
 NAMED = {
     "count-step",
@@ -116,7 +117,7 @@ def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result()
 def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(increments):
     """At a drawn stop of a diagonal driven once: named, or its pass is, and the volume moves by no
     more than is said for the size."""
-    for seed in (50, 53):
+    for seed in spread((50, 53), 2):
         readings, slips = survey(seed, increments, (1,))
         rng = np.random.default_rng(seed)
         at = slip_at(DIAGONALS[rng.integers(4)], int(rng.integers(1, 3 * increments + 1)))

@@ -11,6 +11,7 @@ from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.solver.methods.solve import solve
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import spread
 
 
 def errors_of(readings):
@@ -35,7 +36,7 @@ def shifted(readings, rows, by_um):
     return replace(readings, reading_mm=reading)
 
 
-@pytest.mark.parametrize("angle_urad", [0.0, 10.0, 40.0])
+@pytest.mark.parametrize("angle_urad", spread([0.0, 10.0, 40.0], 2))
 def test_an_unmeasured_angle_is_no_mistake(angle_urad):
     assert errors_of(survey(angle_urad=angle_urad)) == []
 
@@ -95,7 +96,7 @@ def test_readings_ten_times_as_uncertain_as_usual_stop_the_export_with_their_set
     assert [setup for _, setup, *_ in errors] == list(DIAGONALS) * bool(codes)
 
 
-@pytest.mark.parametrize("um", [25.0, 60.0])
+@pytest.mark.parametrize("um", spread([25.0, 60.0], 2))
 def test_a_setup_that_drifts_far_more_than_usual_is_named_and_harms_nothing(um):
     """Evenly in time, out and back: the drift is found at its size and taken off, and the result is
     that of the survey without it."""

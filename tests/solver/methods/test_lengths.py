@@ -102,8 +102,8 @@ def test_readings_at_both_temperatures_are_never_mixed():
     mixed.at_20_c[7] = False
     with pytest.raises(
         DataError,
-        match=r"mine\.csv: setup \w+, pass 1, stop \d+: expected at_20_c = 1 as at "
-        r"other readings",
+        match=r"mine\.csv: setup \w+, pass 1, stop \d+: expected at_20_c = 1 in "
+        r"every row, as in the others",
     ):
         solve(mixed, source="mine.csv")
     with pytest.raises(DataError, match=r"at_20_c: expected 1 or 0, found 'yes'"):

@@ -165,7 +165,7 @@ def test_one_position_beside_its_node(off_um):
     same_answer(Beside(bench=Bench(seed=3, increments=5), stands=one), off_um)
 
 
-@pytest.mark.parametrize("chain", CHAINS)
+@pytest.mark.parametrize("chain", spread(CHAINS, 2))
 def test_on_every_chain(chain):
     same_answer(
         Beside(
@@ -250,7 +250,7 @@ def test_with_shifted_beams_the_angles_are_the_same():
                 ("2 decimals", rounded(lambda setup, number: 2), 5.0),
             )
         ],
-        2,
+        5,
     ),
 )
 def test_with_a_head_on_every_axis(setups, stands, size_um):
@@ -266,7 +266,7 @@ def test_with_known_angles():
     same_answer(survey, 30.0, angles=survey.bench.angles(0.0, stated=False))
 
 
-@pytest.mark.parametrize("size_um", [0.5, 3.0])
+@pytest.mark.parametrize("size_um", spread([0.5, 3.0], 2))
 def test_registers_that_scatter_alone_are_noise(size_um):
     """The machine stands at its targets and its registers do not show it: readings and positions
     contradict each other by the scatter."""

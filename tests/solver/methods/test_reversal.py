@@ -34,7 +34,7 @@ def remaining_um(bench, result):
 def test_constant_backlash_of_each_axis_is_found_within_its_uncertainty():
     """Truth 8 / 5 / 3 µm: of 24 values 90 % and more lie within U, and U says a micrometre."""
     inside = []
-    for seed in range(8):
+    for seed in spread(range(8), 2):
         found = backlash_numbers(
             estimate(
                 lay_out(
@@ -156,7 +156,7 @@ def read_in_joined_counts(bench, passes_of):
 )
 def test_backlash_is_no_step_of_the_count_where_only_some_setups_were_driven_both_ways(passes_of):
     """Truth 8 / 5 / 3 µm in repeatable readings, that the count of no setup jumped by."""
-    for seed in range(4):
+    for seed in spread(range(4), 2):
         bench = Bench(seed=seed, increments=5, reversal=PLAY)
         result = solve(read_in_joined_counts(bench, passes_of))
         assert not [
@@ -187,7 +187,7 @@ def test_backlash_at_first_stops_without_overrun_is_one_size_of_each_axis(backla
     """Driven once, the same 20 µm stand in the first stops of every pass: they are no chance, and
     cost the scales little."""
     left, without, inside = [], [], []
-    for seed in range(4):
+    for seed in spread(range(4), 2):
         bench = Bench(seed=seed)
         readings = bench.survey()
         result = solve(begun_from_within(readings, backlash_um))

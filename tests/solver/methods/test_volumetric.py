@@ -19,6 +19,7 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.uncertainty.machine import separated
 from stepdiag.virtual.physics.error_functions import smooth
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
+from testkit.examples import spread
 
 POINTS = np.random.default_rng(5).uniform(size=(200, 3)) * np.array([500.0, 400.0, 300.0])
 NODES = np.linspace(0.0, 500.0, 11)
@@ -262,8 +263,17 @@ def _measured(position_mm, function, rng):
     return Function(position_mm=position_mm, value=value - value[0], u=u, unit="um", u_readings=u)
 
 
-@pytest.mark.parametrize("setups", [(*DIAGONALS, *LINEAR), DIAGONALS], ids=["all", "diagonals"])
-@pytest.mark.parametrize("increments", [5, 10])
+@pytest.mark.parametrize(
+    ("setups", "increments"),
+    spread(
+        [
+            pytest.param(setups, increments, id=f"{name}-{increments}")
+            for name, setups in (("all", (*DIAGONALS, *LINEAR)), ("diagonals", DIAGONALS))
+            for increments in (5, 10)
+        ],
+        3,
+    ),
+)
 def test_the_shares_of_the_volume_make_its_uncertainty(setups, increments):
     """From the causes of the posterior, without a draw; the largest is what the conclusion
     names."""

@@ -18,7 +18,7 @@ from stepdiag.solver.model.lateral import lateral_rows
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.straightness import STRAIGHT, straightness
 from testkit.exact.surveys import IDEAL, Bench
-from testkit.examples import few
+from testkit.examples import few, spread
 
 PITCH_YAW = ("EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ")
 ROLL = ("EAX", "EBY", "ECZ")
@@ -179,7 +179,7 @@ def said(result, code):
     ]
 
 
-@pytest.mark.parametrize(("seed", "stops"), [(1, 8), (2, 6), (3, 5), (4, 3)])
+@pytest.mark.parametrize(("seed", "stops"), spread([(1, 8), (2, 6), (3, 5), (4, 3)], 3))
 def test_a_head_at_other_positions_than_the_diagonals_is_used(seed, stops):
     """Between two nodes a function is no straight line: a head with twice as many stops
     contradicted the diagonals in every survey."""
@@ -197,13 +197,13 @@ def test_a_head_at_other_positions_than_the_diagonals_is_used(seed, stops):
         assert np.sum(function.u**2) < (1.1 if stops == 3 else 1.0) * np.sum(alone.u**2)
 
 
-@pytest.mark.parametrize("stops", [8, 6, 5])
+@pytest.mark.parametrize("stops", spread([8, 6, 5], 2))
 def test_a_wrong_sign_does_not_hide_between_the_nodes(stops):
     _, result = beside_the_nodes(5, stops, ("EZX",))
     assert said(result, "straightness-misclosure") == ["EZX"]
 
 
-@pytest.mark.parametrize("stops", [8, 6, 5])
+@pytest.mark.parametrize("stops", spread([8, 6, 5], 2))
 def test_wrong_signs_of_all_functions_make_nothing_between_the_nodes_that_would_hold_them(stops):
     _, result = beside_the_nodes(5, stops, SEEN)
     assert set(said(result, "straightness-misclosure")) == set(SEEN)

@@ -17,7 +17,7 @@ from stepdiag.solver.model.effects import ANGLES, LONG_WAVES, SHORT_ANGLES, Angl
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.foresight import Foresight
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
-from testkit.examples import few
+from testkit.examples import few, spread
 
 
 @pytest.fixture(scope="module")
@@ -200,8 +200,8 @@ def test_a_family_is_the_fit_at_any_size(done, factor):
 def test_five_ppm_on_one_diagonal_are_named_or_within_u():
     """The four diagonals share one length to check them: what hides there is in U (78 % of these
     squarenesses lay within it with 0.1 C from setup to setup, 23 % with 0.02 C)."""
-    within = []
-    for seed in range(200, 216):
+    within, seeds = [], spread(range(200, 216), 3)
+    for seed in seeds:
         bench = Bench(
             seed=seed, chain=("FXYZ", "XYFZ")[seed // 2 % 2], angle_urad=10.0 * (seed % 2)
         )
@@ -219,5 +219,5 @@ def test_five_ppm_on_one_diagonal_are_named_or_within_u():
                 abs(numbers[name].value - true) <= 2 * numbers[name].u
                 for name, true in truth.items()
             ]
-    assert len(within) > 30
+    assert len(within) > 1.8 * len(seeds)
     assert np.mean(within) >= 0.85, f"{sum(within)} of {len(within)}"

@@ -41,7 +41,9 @@ def test_a_folder_in_the_way_is_refused(tmp_path: Path) -> None:
 def test_a_new_file_is_never_an_old_one(tmp_path: Path) -> None:
     write_new(tmp_path / "new.toml", "a\n")
     with pytest.raises(
-        UsageError, match=r"new\.toml: expected a new file, found one that exists; name another one"
+        UsageError,
+        match=r"new\.toml: expected a new file, found a file that already exists; choose "
+        r"another file name",
     ):
         write_new(tmp_path / "new.toml", "b\n")
     assert (tmp_path / "new.toml").read_bytes() == b"a\n"

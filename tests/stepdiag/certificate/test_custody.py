@@ -354,7 +354,7 @@ def test_every_flipped_bit_is_found(folder: Path) -> None:
         np.random.default_rng(46),
         ("c.xml", "result.json", "readings.csv", "tolerance.toml", "laboratory.toml", "table.ini"),
     )
-    for turn in spread(range(300), 5):
+    for turn in spread(range(300), 10):
         path = folder / names[turn % len(names)]
         whole = path.read_bytes()
         flipped = bytearray(whole)

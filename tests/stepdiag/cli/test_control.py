@@ -225,7 +225,7 @@ class TestVerify:
         assert after == pytest.approx(before)
 
     def test_says_what_it_found_and_what_the_figures_leave_out(self, result, tmp_path):
-        told = stepdiag("verify", result, self.exported(result, tmp_path, "siemens"))
+        told = stepdiag("verify", result, self.exported(result, tmp_path, "siemens"), "--verbose")
         assert "cec: a positive value moves the axis in - (as-error)" in told.out
         assert "does not identify it: the scale of X, the scale of Y, the scale of Z" in told.out
         assert "worse-after" not in told.out
@@ -248,7 +248,7 @@ class TestVerify:
             tmp_path / "out",
             "--verbose",
         )
-        for told in (exported, stepdiag("verify", said, tmp_path / "out")):
+        for told in (exported, stepdiag("verify", said, tmp_path / "out", "--verbose")):
             assert (
                 "U (k = 2) assumes these sizes where the readings do not show them: angular "
                 "errors over 7 µrad" in told.out

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from stepdiag.demo.demo import Demonstrated, Figures
+from stepdiag.base.messages import message
+from stepdiag.base.result.interval import Interval
+from stepdiag.demo.demo import Demonstrated, Figures, Promise
+from stepdiag.demo.reach import FORMS
 from stepdiag.fleet.store import Store
 from testkit.browsing import visit
 from testkit.cli import stepdiag
@@ -54,6 +57,27 @@ def test_the_demo_prints_its_figures_for_programs(demonstrations, monkeypatch):
     assert printed["figures"]["siemens"]["rms_um"] == 2.0
     assert printed["factors"] == {"siemens": 5.0}
     assert len(demonstrations) == 3
+
+
+def test_the_demo_prints_every_form_on_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Of 30 lines of 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("testkit.cli.joined", lambda text: text)
+    kept = Promise(
+        of=message("as-it-is"), stated=Interval(value_um=2.0, low_um=1.0, high_um=3.0), true_um=2.0
+    )
+    found = Demonstrated(
+        folder=tmp_path / ("long" * 8),
+        round=tmp_path / "0001",
+        before=FIGURES,
+        after=dict.fromkeys(("siemens", "fanuc"), FIGURES),
+        reach={str(form.name): FIGURES for form in FORMS},
+        promises=(kept, kept),
+        seconds=1.0,
+    )
+    monkeypatch.setattr("stepdiag.demo.demo.demonstrate", lambda folder, seed, progress: found)
+    lines = stepdiag("demo").out.splitlines()
+    assert len(FORMS) + 8 < len(lines) <= 30
 
 
 @pytest.mark.parametrize(

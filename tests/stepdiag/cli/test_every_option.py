@@ -29,7 +29,6 @@ from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.fleet.archive import add as archived
 from stepdiag.fleet.store import Store
 from stepdiag.fourdof.record import HeadRecord, render_head_csv
-from stepdiag.solver.planning import planner
 from stepdiag.virtual.instruments.head import (
     Disturbance,
     HeadOptics,
@@ -44,6 +43,7 @@ from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.fleets import finished_survey, write_history
 from testkit.ordinary.heads import stage_pose
+from testkit.planned import plan_once
 
 Outcome = tuple[Told, dict[Path, bytes]]
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
@@ -53,8 +53,6 @@ ERRORS = {
     "EZZ": [0, 6, -4, 5, 9],
     "EYX": [0, 5, 8, 4, 0],
 }
-SEARCH = planner.plan
-SOUGHT: dict[str, object] = {}
 SECTION = "[uncertainty]\nrepeatability_um = 4.0\n"
 ANGLES = "axis,position_mm,EA_urad,EB_urad,EC_urad\n" + "".join(
     f"X,{x:g},{x * 0.05:g},0,0\n" for x in range(0, 1001, 100)
@@ -133,6 +131,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--custody": ["--custody", "."],
             "--key-certificate": ["--key-certificate", "none.pem"],
             "--json": ["--json"],
+            "--verbose": ["--verbose"],
             "--before": ["--before", "AX_EEC.INI"],
             "--read-back": ["--read-back", "AX_EEC.INI"],
             **STATED,
@@ -420,9 +419,9 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "run": {"stepdiag/cli/test_entry.py": ["--verbose"]},
     "pack": {},
     "page": {},
-    "status": {"stepdiag/cli/test_status.py": ["--json"]},
+    "status": {"stepdiag/cli/test_status.py": ["--json", "--verbose"]},
     "accept": {
-        "stepdiag/cli/test_status.py": ["--begun", "--reason"],
+        "stepdiag/cli/test_status.py": ["--begun", "--reason", "--verbose"],
         "system/recording/test_doubts.py": ["--name"],
     },
     "correct": {"daq/capture/test_cause.py": ["--name", "--yes"]},
@@ -475,7 +474,8 @@ COVERED: dict[str, dict[str, list[str]]] = {
             "--minutes",
             "--out",
             "--profile",
-        ]
+            "--verbose",
+        ],
     },
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
@@ -607,14 +607,7 @@ def kept(goods: Path) -> dict[Path, bytes]:
 @pytest.fixture(autouse=True)
 def planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search the surveys of one question once: the search takes seconds."""
-
-    def plan(*asked: object, **options: object) -> object:
-        question = repr((asked, options))
-        if question not in SOUGHT:
-            SOUGHT[question] = SEARCH(*asked, **options)
-        return SOUGHT[question]
-
-    monkeypatch.setattr(planner, "plan", plan)
+    plan_once(monkeypatch)
 
 
 @pytest.fixture

@@ -342,7 +342,7 @@ def test_align_shows_a_recording(tmp_path):
         (
             "a.csv",
             "time_s,qd_x,qd_y,qd_sum\n1,1,2,3\n0,1,2,3\n",
-            "a.csv: line 3: expected a time after the one before",
+            "a.csv: line 3: expected a time later than in the row before",
         ),
         (
             "a.txt",
@@ -377,7 +377,7 @@ def test_a_gap_in_the_samples_is_no_stability():
         time_s=np.where(record.time_s > 5.0, record.time_s + 3.0, record.time_s),
         channels=record.channels,
     )
-    with pytest.raises(DataError, match="expected samples in every 1 s, found none from"):
+    with pytest.raises(DataError, match="expected samples in every 1 s, found no samples from"):
         late.averaged(1.0)
 
 

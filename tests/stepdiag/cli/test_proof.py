@@ -6,9 +6,12 @@ from datetime import date
 import pytest
 
 from stepdiag.base.errors import UsageError
+from stepdiag.cli.proof import print_verdict
 from stepdiag.daq.survey.amended import as_proof
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Plan, Proof
+from stepdiag.exporters.proof.judge import Proof as Verdict
+from stepdiag.exporters.proof.judge import Proved
 from testkit.cli import stepdiag
 
 SURVEY = """\
@@ -126,3 +129,24 @@ def test_what_is_missing_is_named(tmp_path) -> None:
     for options, named in (((), "complete"), (("--out", tmp_path / "programs"), "--out")):
         done = stepdiag("proof", proof, *options)
         assert (done.code, named in done.refusal) == (2, True), done
+
+
+def test_a_verdict_begins_with_the_action_and_fits_a_screen(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The states of nine tables, and the records in place of sign tests, follow with
+    ``--verbose``."""
+    monkeypatch.setenv("COLUMNS", "80")
+    tables = tuple(
+        Proved(function=name, kind="eec", factor=1.0, u=0.05, code="right", seen_um=5.0)
+        for name in ("EXX", "EYY", "EZZ", "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
+    )
+    records = ["[[sign_tests]]" + "\nline" * 9] * 2
+    printed = {}
+    for verbose in (False, True):
+        print_verdict(Verdict(tables=tables, sigma_um=0.3), [], records, verbose=verbose)
+        printed[verbose] = capsys.readouterr().out.splitlines()
+    assert all(lines[0].startswith("the tables act as exported") for lines in printed.values())
+    assert len(printed[False]) <= 30 < len(printed[True])
+    assert ["[[sign_tests]]" in lines for lines in printed.values()] == [False, True]
+    assert any("2 record(s)" in line for line in printed[False])

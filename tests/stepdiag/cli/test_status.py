@@ -114,7 +114,8 @@ def test_a_beam_that_was_lost_says_so(survey):
     record(survey, 1, stops)
     reason = told(survey)["setups"][0]["reason"]
     assert reason.startswith(
-        "pass 1: stops 6–10 do not reach back to the start (beam lost): drive again from stop 5 on"
+        "pass 1: stops 6–10 are not connected with the first stop (beam lost): drive again "
+        "from stop 5 on"
     )
 
 
@@ -154,6 +155,38 @@ def test_what_it_recommends_for_a_doubt_makes_the_pass_whole(tmp_path):
     assert told(survey)["complete"]
 
 
+def test_the_state_fits_a_screen_and_verbose_prints_every_doubt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 30 lines of 80 columns; the next drive stands above the table of the setups."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("testkit.cli.joined", lambda text: text)
+    setups = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
+    text = survey_text(setups=setups)
+    file = tmp_path / "survey.toml"
+    file.write_text(text, encoding="utf-8")
+    stops = []
+    for setup in setups[:4]:
+        stops += stops_of(setup)
+        for at in (-2, -5, -7):
+            stops[at] = marked(stops[at], message("window-step", step_um=4.0 - at))
+    path = tmp_path / "bench" / "0001" / "0001.mcap"
+    path.parent.mkdir(parents=True)
+    notes = [*EVENTS, *map(stop_note, stops)]
+    write_log(path, notes, flush_every=1, header=replace(HEADER, survey_text=text))
+    lines = stepdiag("status", file).out.splitlines()
+    whole = stepdiag("status", file, "--verbose").out
+    assert len(lines) <= 30 < len(whole.splitlines())
+    # a path is one word, and as long as the folder of the test
+    own = [line for line in lines if "`" not in line and str(tmp_path) not in line]
+    assert max(map(len, own)) <= 80
+    (next_,) = (at for at, line in enumerate(lines) if line.startswith("next: "))
+    assert next_ < next(at for at, line in enumerate(lines) if "setup" in line and "stops" in line)
+    assert all(f"{4.0 - at:+.1f} µm" in whole for at in (-2, -5, -7))
+    accepted = stepdiag("accept", file, "ppp/1", "--reason", "looked at it", "--verbose").out
+    assert accepted.count("still doubted") == 9
+
+
 def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_it(survey):
     """The line of the pass has the first one alone: of the other nobody heard why."""
     stops = stops_of("npp")
@@ -161,7 +194,7 @@ def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_i
     for at, doubt in doubts.items():
         stops[at] = marked(stops[at], doubt)
     record(survey, 1, [*stops_of("ppp"), *stops])
-    lines = stepdiag("status", survey).out.splitlines()
+    lines = stepdiag("status", survey, "--verbose").out.splitlines()
     for stop, words in doubts.items():
         (command,) = [at for at, line in enumerate(lines) if f"npp/1/{stop} --reason" in line]
         assert (
@@ -191,7 +224,7 @@ def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
             in stepdiag(*(wrong if word == "TIME" else word for word in command)).refusal
         )
     assert (
-        "as what is accepted"
+        "as the accepted finding"
         in stepdiag(
             "accept", survey, "ppp/1", "--reason", "x", "--begun", "2027-01-15T08:00"
         ).refusal
@@ -275,7 +308,9 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
         header=other,
     )
     assert told(survey)["next_setup"] == "npp"
-    assert "0002.mcap: another one: it does not count here" in stepdiag("status", survey).out
+    assert (
+        "0002.mcap: another one: its stops are not counted here" in stepdiag("status", survey).out
+    )
 
 
 def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):

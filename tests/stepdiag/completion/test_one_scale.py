@@ -14,7 +14,7 @@ EXPANSION_UM_M = -11.7 * (WARM_C - 20.0)
 AIR_UM_M = 271.4
 
 
-def named(values, *, expands=False, compensated=True):
+def named(values, *, expands=False, compensated=True, warm_c=WARM_C):
     """Return the line and the reading that are named for these scales in µm/m, if any."""
     text = survey_file(compensated=compensated)
     if expands:
@@ -23,7 +23,7 @@ def named(values, *, expands=False, compensated=True):
         axis: SimpleNamespace(value=float(value), u=11.0)
         for axis, value in zip("XYZ", values, strict=True)
     }
-    result = SimpleNamespace(scale=scales, lengths=SimpleNamespace(material_c=(WARM_C,) * 3))
+    result = SimpleNamespace(scale=scales, lengths=SimpleNamespace(material_c=(warm_c,) * 3))
     return [
         (found.severity, found.message.arguments["line"], found.message.arguments["reading"].key)
         for found in one_scale(parse_survey(text, "survey.toml"), result)
@@ -35,6 +35,17 @@ def test_scales_of_machine_and_expansion_alike_are_doubted_with_the_reading_that
     values = np.array([4.0, -7.0, 1.0]) + EXPANSION_UM_M + own_um_m
     expected = ("error", "machine.apply_expansion", "reading-expansion")
     assert named(values, expands=True) == [expected]
+
+
+@pytest.mark.parametrize(("warm_c", "most_silent"), [(28.0, 15), (20.5, 200)])
+def test_expansion_twice_is_doubted_with_ordinary_scales_in_any_warmth(warm_c, most_silent):
+    """Half a degree is nothing that scales show; from eight on few machines hide it."""
+    own_um_m = np.random.default_rng(7432).normal(0.0, 25.0, (200, 3))
+    twice = own_um_m - 11.7 * (warm_c - 20.0)
+    silent = [named(values, expands=True, warm_c=warm_c) for values in twice].count([])
+    assert silent <= most_silent
+    false = [values for values in own_um_m if named(values, expands=True, warm_c=warm_c)]
+    assert len(false) <= 1
 
 
 @pytest.mark.parametrize(("compensated", "sign"), [(True, 1), (False, -1)])

@@ -41,6 +41,7 @@ from testkit.exact.madeup import made_up_result
 from testkit.exact.members import members
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import spread
 from testkit.german import is_english
 
 
@@ -530,7 +531,7 @@ class TestUnseenSlip:
         """With readings to 1 µm of four passes on one count 6 µm went unsaid, that are noticed in
         half of the surveys."""
         sizes = []
-        for noise_um in (0.05, 0.2, 1.0, 5.0):
+        for noise_um in spread((0.05, 0.2, 1.0, 5.0), 3):
             bench = Bench(
                 seed=3,
                 increments=increments,

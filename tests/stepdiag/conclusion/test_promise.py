@@ -12,8 +12,9 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.tables.tables import mean_correction_um
 from stepdiag.solver.methods.solve import solve
 from testkit.exact.surveys import IDEAL, Bench
+from testkit.examples import spread
 
-MACHINES = [seed for seed in range(13) if seed != 6]
+MACHINES = spread([seed for seed in range(13) if seed != 6], 2)
 """The survey of machine 6 is refused: its diagonals and linear runs differ by three standard
 uncertainties."""
 INSIDE = 10
@@ -62,8 +63,8 @@ def promised_and_true(one: Bench, folder: Path) -> tuple[Reach, float]:
 
 
 def test_the_true_value_after_compensation_lies_in_the_interval_promised(tmp_path: Path) -> None:
-    """Over twelve machines 11 intervals at least hold it: k = 2, in 93 to 99 % (58 of 59 in a
-    longer run, benchmarks/HONESTY.md).
+    """Over twelve machines, six in a usual run, all intervals but one hold it: k = 2, in 93 to 99 %
+    (58 of 59 in a longer run, benchmarks/HONESTY.md).
 
     And they are no excuse: the upper end is on average less than twice the lower.
     """
@@ -76,5 +77,5 @@ def test_the_true_value_after_compensation_lies_in_the_interval_promised(tmp_pat
         assert promise.high_um is not None
         held.append(promise.low_um <= left_um <= promise.high_um)
         wide.append(promise.high_um / promise.low_um)
-    assert sum(held) >= 11, held
+    assert sum(held) >= len(MACHINES) - 1, held
     assert float(np.mean(wide)) < 2.0

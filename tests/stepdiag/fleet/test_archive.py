@@ -347,7 +347,7 @@ def test_an_old_log_whose_survey_is_refused_is_solved_with_another(
     assert (stood_in.outcome, stood_in.changed, str(stood_in.reason)) == (
         "solved anew",
         (),
-        "by the survey file given",
+        "by the survey file that was given as an option",
     )
     other = solve_anew(store.address, tuple(place), text.replace("Mill 7/ä", "Mill 8"))
     assert (other.outcome, "Mill 8" in str(other.reason)) == ("failed", True)

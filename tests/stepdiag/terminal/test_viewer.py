@@ -102,9 +102,13 @@ def test_an_answer_fits_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("solve", readings),
         ("plan", survey),
         ("export", result, "--controller", "siemens", "--out", tmp_path / "files"),
+        ("verify", result, tmp_path / "files"),
     ):
-        lines = [*stepdiag(*command).out.splitlines()]
+        lines, whole = (
+            stepdiag(*command, *options).out.splitlines() for options in ((), ("--verbose",))
+        )
         assert 5 < len(lines) <= 30, command
+        assert len(lines) < len(whole), command
         assert max(map(len, lines)) <= 80, command
 
 

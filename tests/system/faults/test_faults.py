@@ -67,7 +67,7 @@ def run_with(tmp_path, faults, *, ends=None, **options):
             while sum(each["event"] == "pass-ended" for each in said) < (ends or len(setups)):
                 said.append(process.next(120.0, "daemon"))
         book = nothing_silently_wrong(place)
-        told = stepdiag("status", place.survey).out
+        told = stepdiag("status", place.survey, "--verbose").out
     return book, said, told
 
 

@@ -51,7 +51,7 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             said += list(iter(process.poll, None))
             announced = stops_in(said)
             assert len(announced) <= len(before) + 1, "the machine waits for room"
-            told = stepdiag("status", disk.here).out
+            told = stepdiag("status", disk.here, "--verbose").out
             shutil.copytree(round_, tmp_path / "meanwhile")
             kept = noted_stops(next((tmp_path / "meanwhile").iterdir()))
             assert [(stop.setup, stop.stop) for stop in kept[: len(announced)]] == announced
@@ -186,7 +186,7 @@ def test_a_computer_that_stands_still(tmp_path, options, after_s):
             process.process.send_signal(signal.SIGCONT)
             said = until(process, "pass-ended")
         book = nothing_silently_wrong(place)
-        told = stepdiag("status", place.survey).out
+        told = stepdiag("status", place.survey, "--verbose").out
     (still,) = [each for each in said if each["event"] == "stood-still"]
     assert still["seconds"] > HELD_S - 1
     assert still["asleep_s"] == 0

@@ -53,7 +53,7 @@ def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
     assert len(texts) == 3
     for (setup, (name, value)), text in zip(wrong.items(), texts, strict=True):
         assert f"({setup}) out, stop 2 of 4: {name} reads {value:g}" in text
-        assert "is held, u = " in text
+        assert "is used, u = " in text
     result = json.loads((place.round / "result.json").read_text())
     assert result["conditions"]["air_pressure_hpa"] == [1013.2, 1013.2]
     assert sum(each["code"] == "conditions-held" for each in result["findings"]) == 3
@@ -109,7 +109,7 @@ def test_registers_that_stand_still_close_no_stop(tmp_path):
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")
-            live = stepdiag("status", place.survey).out
+            live = stepdiag("status", place.survey, "--verbose").out
         nothing_silently_wrong(place)
     assert "heartbeat-still" in {each.get("code") for each in said}
     assert "(ppp): pass 1" in live

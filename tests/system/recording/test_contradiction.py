@@ -45,9 +45,9 @@ def test_readings_that_contradict_each_other_are_not_exported_and_the_pass_is_na
             if each["code"] == "angles-far" and each["setup"] == "linear-y"
         ]
         assert named
-        assert f"{named[0]['place']} --reason" in stepdiag("status", place.survey).out.replace(
-            "\n", " "
-        )
+        assert f"{named[0]['place']} --reason" in stepdiag(
+            "status", place.survey, "--verbose"
+        ).out.replace("\n", " ")
         assert not [
             path
             for path in place.round.rglob("*")

@@ -49,7 +49,7 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
             opened = drive_all(place, process)
             assert opened["doubted"] == ["npp/1/2"]
             readings = (place.round / "readings.csv").read_text()
-            live = stepdiag("status", place.survey).out
+            live = stepdiag("status", place.survey, "--verbose").out
         told = json.loads(stepdiag("status", place.survey, "--json").out)
         assert "now: doubted: diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 3" in live
         assert "machine: connected" in live
@@ -138,7 +138,7 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
         with daemon(place.survey) as process:
             place.start_setups()
             opened = until(process, "survey-open")[-1]
-            live = stepdiag("status", place.survey).out
+            live = stepdiag("status", place.survey, "--verbose").out
         assert "angles.csv" in opened["reason"]
         told = json.loads(stepdiag("status", place.survey, "--json").out)
         assert told["unsolved"] in opened["reason"]

@@ -120,7 +120,7 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, wo
             place.start_setups()
             said = until(process, "pass-ended")
         book = nothing_silently_wrong(place)
-        told = stepdiag("status", place.survey).out
+        told = stepdiag("status", place.survey, "--verbose").out
     assert "stop 3 of 4" in findings_of(said, code)[0]
     assert words in findings_of(said, code)[0]
     assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [
@@ -270,7 +270,7 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
             place.start_setups()
             said = until(process, "survey-open")
         book = nothing_silently_wrong(place)
-        told = stepdiag("status", place.survey).out
+        told = stepdiag("status", place.survey, "--verbose").out
     (text,) = findings_of(said, "machine-alarm")
     assert re.search(
         r"\(ppp\) out, stop 3 of 4: the machine reported an alarm at [0-9:]{8} UTC", text
@@ -295,7 +295,7 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
     assert (
-        "stop 3 of 7: measured again it reads +55.0 µm otherwise"
+        "stop 3 of 7: the repeated reading of this stop differs by +55.0 µm"
         in findings_of(said, "reading-differs")[0]
     )
 
@@ -313,9 +313,9 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
             place.start_setups()
             said = until(process, "survey-open")
         book = nothing_silently_wrong(place)
-        told = stepdiag("status", place.survey).out
+        told = stepdiag("status", place.survey, "--verbose").out
     assert (
-        "stop 3 of 4: measured again it reads +55.0 µm otherwise"
+        "stop 3 of 4: the repeated reading of this stop differs by +55.0 µm"
         in findings_of(said, "reading-differs")[0]
     )
     # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or

@@ -28,7 +28,9 @@ QUIET = {"silent": True, "patient": False, "dwell": 5.0, "laser_survey": FIXED}
 def until_told(place, words):
     """Wait until ``status`` says this: that the daemon has come so far."""
     end = time.monotonic() + 60.0
-    while words not in " ".join((told := stepdiag("status", place.survey).out).split()):
+    while words not in " ".join(
+        (told := stepdiag("status", place.survey, "--verbose").out).split()
+    ):
         assert time.monotonic() < end, told
         time.sleep(0.05)
 

@@ -50,7 +50,7 @@ def test_the_recorder_loses_its_power(tmp_path, happens):
             said = until(process, "stop", stop=6)
             said += until(process, "pass-ended")
             said += until(process, "survey-complete" if happens == "nothing" else "pass-ended")
-            told = stepdiag("status", place.survey).out
+            told = stepdiag("status", place.survey, "--verbose").out
         book = nothing_silently_wrong(place)
         code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / "again", "--json")
     findings = [each for each in said if each["event"] == "finding"]

@@ -122,7 +122,9 @@ def an_undecided_run_goes_on_with_the_setup_that_it_names(tmp_path, surveyed):
     assert right == ["EXX"]
     (further,) = verdict["further"]
     assert further in SETUPS[:4]
-    assert f"Add {further} to the setups" in " ".join(stepdiag("proof", survey).out.split())
+    assert f"Add {further} to the setups" in " ".join(
+        stepdiag("proof", survey, "--verbose").out.split()
+    )
     port = f"port = {place.ready['plc_port']}"
     with hall(tmp_path, setups=(further,), plc_bench=port, **driven) as place:
         record(place, survey, ("linear-x", further))
@@ -201,5 +203,5 @@ def proved(folder: Path, files: list[Path], name: str) -> dict:
     )
     (found,) = [each for each in result["findings"] if each["code"] == "proof"]
     assert found["severity"] == {"keep": "info", "restore": "error"}[verdict["action"]]
-    assert found["text"] in stepdiag("status", survey).out.replace("\n", " ")
+    assert found["text"] in stepdiag("status", survey, "--verbose").out.replace("\n", " ")
     return verdict

@@ -51,6 +51,14 @@ def package(request, tmp_path_factory):
     return architecture, suite, Path(done.stdout.strip())
 
 
+@pytest.fixture(scope="module")
+def held(package, tmp_path_factory):
+    """What a package installs, unpacked once; no test writes to it."""
+    folder = tmp_path_factory.mktemp("held")
+    subprocess.run(["dpkg-deb", "--extract", package[2], folder], check=True)
+    return folder
+
+
 def fields(file):
     said = subprocess.run(
         ["dpkg-deb", "--field", file], capture_output=True, text=True, check=True
@@ -72,7 +80,7 @@ def readme_lines():
 
 
 @pytest.mark.parametrize("package", EVERY, indirect=True)
-def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
+def test_a_package_says_what_it_is_and_holds_it(package, held):
     """Every library of native code is of the package's architecture and Python; nothing of the
     builder's folders is in it."""
     architecture, suite, file = package
@@ -80,8 +88,7 @@ def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
     said = fields(file)
     assert (said["Package"], said["Architecture"]) == ("stepdiag", architecture)
     assert said["Depends"].startswith(f"{python},")
-    subprocess.run(["dpkg-deb", "--extract", file, tmp_path], check=True)
-    packages = tmp_path / f"opt/stepdiag/lib/{python}/site-packages"
+    packages = held / f"opt/stepdiag/lib/{python}/site-packages"
     native = [path for path in packages.rglob("*.so*") if path.is_file()]
     machines = {struct.unpack("<H", path.read_bytes()[18:20])[0] for path in native}
     assert machines == {MACHINES[architecture]}
@@ -89,12 +96,12 @@ def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
     tags = {found[1] for path in native if (found := re.search(r"\.(cpython-3\d+)-", path.name))}
     assert tags == {python.replace("python", "cpython-").replace(".", "")}
     assert list(packages.rglob("*.pyc")) == [], "the system's own Python compiles it"
-    assert (tmp_path / "opt/stepdiag/share/stepdiag/systemd/stepdiag@.service").exists()
-    assert "Apache" in (tmp_path / "usr/share/doc/stepdiag/copyright").read_text(encoding="utf-8")
+    assert (held / "opt/stepdiag/share/stepdiag/systemd/stepdiag@.service").exists()
+    assert "Apache" in (held / "usr/share/doc/stepdiag/copyright").read_text(encoding="utf-8")
     texts = [
         path
         for folder in ("bin", "share")
-        for path in (tmp_path / "opt/stepdiag" / folder).rglob("*")
+        for path in (held / "opt/stepdiag" / folder).rglob("*")
         if path.is_file()
     ]
     assert not [
@@ -272,12 +279,11 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
 
 
 @pytest.mark.parametrize("package", [("arm64", "bookworm")], indirect=True)
-def test_a_package_for_arm64_starts_under_qemu(package, tmp_path):
+def test_a_package_for_arm64_starts_under_qemu(held, tmp_path):
     """Its own code on Debian's Python for arm64: every library of native code is loaded, and a
     survey file written."""
     root, survey = debian_root("arm64"), tmp_path / "survey.toml"
-    subprocess.run(["dpkg-deb", "--extract", package[2], tmp_path], check=True)
-    packages = tmp_path / "opt/stepdiag/lib/python3.11/site-packages"
+    packages = held / "opt/stepdiag/lib/python3.11/site-packages"
     command = ["qemu-aarch64-static", "-L", root, root / "usr/bin/python3.11"]
     libraries = (
         "numpy, pyarrow, zstandard, lz4.frame, msgspec, re2, cryptography.hazmat.bindings._rust, "
@@ -286,7 +292,7 @@ def test_a_package_for_arm64_starts_under_qemu(package, tmp_path):
     imports = f"import platform, {libraries}; print(platform.machine())"
     for arguments, words in (
         (("-c", imports), "aarch64"),
-        ((tmp_path / "opt/stepdiag/bin/stepdiag", "init", survey), ""),
+        ((held / "opt/stepdiag/bin/stepdiag", "init", survey), ""),
     ):
         done = subprocess.run(
             [*map(str, (*command, *arguments))],

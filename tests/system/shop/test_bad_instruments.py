@@ -176,8 +176,8 @@ NETWORK = {
     "firewall": (None, "neither an answer nor a refusal", ""),
     "silence": (answers(lambda _: b""), "no byte for", ""),
     "hangs up": (hangs_up, "expected a port that stays open, found the port is gone", ""),
-    "another product": (says(b"login: \r\n"), "makes sense", "6c 6f 67 69 6e"),
-    "noise": (noise(), "makes sense", "it begins with"),
+    "another product": (says(b"login: \r\n"), "cannot be decoded", "6c 6f 67 69 6e"),
+    "noise": (noise(), "cannot be decoded", "they begin with"),
 }
 
 
@@ -202,7 +202,7 @@ class Row:
 ROWS = [
     *(Row(name, wrong, *row) for name in INSTRUMENTS for wrong, row in NETWORK.items()),
     *(
-        Row(name, "half a reading for ever", says(half), "makes sense", half[:4].hex(" "))
+        Row(name, "half a reading for ever", says(half), "cannot be decoded", half[:4].hex(" "))
         for name, half in HALVES.items()
     ),
     *(
@@ -211,7 +211,7 @@ ROWS = [
             "wrong baud rate",
             noise(),
             "check baud rate",
-            "it begins with",
+            "they begin with",
             scheme="serial",
         )
         for name in ("umd", "nd", "line", "lasertex", "elcomat", "ptu300")
@@ -243,17 +243,23 @@ ROWS = [
         "lasertex",
         "frames with wrong checksums",
         says(hpi(0xB015, b"\x01" * 7, broken=1)),
-        "makes sense",
+        "cannot be decoded",
         "aa b0 15",
     ),
     Row(
         "frames",
         "frames with wrong checksums",
         says(b"\xaa\x55\x01\x00\x01\x02\x03\x04\xff\xff"),
-        "makes sense",
+        "cannot be decoded",
         "aa 55 01",
     ),
-    Row("frames", "another byte in front", says(b"\xaa\x56" + bytes(8)), "makes sense", "aa 56"),
+    Row(
+        "frames",
+        "another byte in front",
+        says(b"\xaa\x56" + bytes(8)),
+        "cannot be decoded",
+        "aa 56",
+    ),
     Row(
         "ids3010",
         "errors alone",
@@ -279,7 +285,7 @@ ROWS = [
         "ids3010",
         "no answer of this protocol",
         answers(lambda _: b'{"status": "ok"}\r\n'),
-        "makes sense",
+        "cannot be decoded",
         "status",
     ),
     Row(
@@ -287,21 +293,21 @@ ROWS = [
         "readings of another channel",
         says(qudis(4, 0x0F01, 1, 1 << 31)),
         "channel 1",
-        "channel 0 were asked for",
+        "only channel 0 was requested",
     ),
     Row(
         "qudis",
         "an axis that it has not",
         has_one_axis,
         "source 1",
-        "asked for was 5",
+        "requested source 5",
         section="[laser.qudis]\naxis = 3",
     ),
     Row(
         "qudis",
         "positions not in pairs",
         says(qudis(4, 0x0F00, 1, 2, 3)),
-        "makes sense",
+        "cannot be decoded",
         "not in pairs",
     ),
     Row(
@@ -314,7 +320,7 @@ ROWS = [
         "no reading can be used",
         "ERROR 3",
     ),
-    Row("elcomat", "relative readings", says(b"1 003 1.0 2.0\r"), "makes sense", "1 003"),
+    Row("elcomat", "relative readings", says(b"1 003 1.0 2.0\r"), "cannot be decoded", "1 003"),
     Row(
         "ptu300",
         "probes that fail",

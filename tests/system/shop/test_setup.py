@@ -243,7 +243,7 @@ def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_pa
         written = file.read_bytes()
         done = stepdiag("setup", file, *options, *VOLUME)
         assert (done.code, file.read_bytes()) == (2, written)
-        assert "found one that exists" in done.refusal
+        assert "found a file that already exists" in done.refusal
         code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
 

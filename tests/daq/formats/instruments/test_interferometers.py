@@ -218,7 +218,7 @@ def test_a_qudis_that_goes_on_with_another_axis_gives_no_reading_of_it():
     answer = struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 1)
     samples = qudis(answer + tell(0, (5, 0)), axis=3)
     assert samples.flags.tolist() == [Flag.DEVICE_ERROR]
-    assert "source 1, asked for was 5" in str(samples.notices[0].why)
+    assert "source 1 instead of the requested source 5" in str(samples.notices[0].why)
     right = qudis(struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 5) + tell(0, (5, 0)), axis=3)
     assert (right.flags.tolist(), right.notices) == ([0], ())
     assert len(qudis(struct.pack("<7i", 24, 4, 0x0F01, 0, 0, 5, -(1 << 31)))) == 0

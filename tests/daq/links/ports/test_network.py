@@ -235,7 +235,7 @@ def test_a_line_that_never_falls_silent_is_no_instrument_that_is_asked(pty, monk
         running(speaks),
         pytest.raises(
             DeviceError,
-            match="expected a line that falls silent where nothing is asked, found a line that",
+            match="expected a line that is silent until a request is sent, found a line that",
         ),
     ):
         asyncio.run(asyncio.wait_for(line.session(lambda *_: None), 60.0))

@@ -223,7 +223,7 @@ def test_an_adapter_that_came_back_under_another_number_is_offered(tmp_path, mon
     monkeypatch.setattr(tty, "present_ports", lambda: {"/dev/ttyUSB1": "FT232R"})
     stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyUSB0")), lambda *_: None)
     with pytest.raises(
-        DeviceError, match=r"ttyUSB0: .*this computer has /dev/ttyUSB1.*costs no pass"
+        DeviceError, match=r"ttyUSB0: .*this computer has /dev/ttyUSB1.*no pass is lost"
     ):
         asyncio.run(stream.session(States()))
 

@@ -61,20 +61,27 @@ class MotorReadout:
         """Return indicated lengths in mm and whether there is a beam, at ascending clock times."""
         if self._setup is None:
             return np.zeros(len(time_s)), np.zeros(len(time_s), dtype=bool)
-        path = list(self._path)
+        path = self._since(float(time_s[0]))
         moments = np.array([moment for moment, _, _ in path])
+        points = np.array([point for _, point, _ in path])
         motor = np.stack(
-            [
-                np.interp(time_s, moments, [point[axis] for _, point, _ in path])
-                for axis in range(3)
-            ],
-            axis=-1,
+            [np.interp(time_s, moments, points[:, axis]) for axis in range(3)], axis=-1
         )
         last = np.clip(np.searchsorted(moments, time_s, side="right") - 1, 0, None)
         direction = np.array([path[each][2] for each in last])
         return self._machine.indicated_mm(
             self._setup, motor, direction=direction
         ), time_s >= self._aligned_s
+
+    def _since(self, time_s: float) -> list[tuple[float, np.ndarray, np.ndarray]]:
+        """Return the path from the last moment before a time on, of the four seconds that are
+        kept."""
+        path = []
+        for moment in reversed(tuple(self._path)):
+            path.append(moment)
+            if moment[0] <= time_s:
+                break
+        return path[::-1]
 
     def _take(self, state: State) -> None:
         motor = np.array(state.motor_mm)

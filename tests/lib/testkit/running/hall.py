@@ -263,7 +263,7 @@ def daemon(survey, *, wait_for=("laser", "machine"), command=STEPDIAG):
                         "the daemon said last:",
                         *process.last,
                         "status:",
-                        stepdiag("status", survey).out,
+                        stepdiag("status", survey, "--verbose").out,
                     ]
                 )
             )

@@ -102,7 +102,7 @@ def test_one_way_runs_are_all_outward():
         ("1 4 3.0", "1 4 3.0 9", "run, target and deviation"),
         ("1 4 3.0", "1 4 300000", "a deviation in µm"),
         ("File type : Linear", "File type : Angular", "expected lengths"),
-        ("0.0 100.0 200.0", "0.0 200.0 100.0", "rise or fall"),
+        ("0.0 100.0 200.0", "0.0 200.0 100.0", "ascending or descending"),
         ("RUNS::\n", "", "a section RUNS"),
         ("EOF::\n", "", "cut off"),
         ("Run-count : 2", "Run-count : -2", "a whole number"),

@@ -1,0 +1,164 @@
+"""Theory of operation: the nine displacement functions are smooth random effects.
+
+A guideway bends from target to target, and the noise of readings does not. The shape of a function,
+without its end-point line, is a sum of half waves over the travel,
+
+    shape(i) = sum over k of a_k sin(pi k i / n),    a_k ~ normal(0, power_k),    k = 1 .. n - 1,
+
+whose powers fall with k. The adjustment without this knowledge estimates each a_k with a variance
+v_k, so that a_k^2 - v_k estimates power_k. The powers of a function are the falling sequence that
+is nearest to these estimates (pool adjacent violators). The square mean of m estimates scatters by
+sqrt(2 / m) of itself; so much is added to a pool, because a power of zero would state that a
+function is straight where the readings only do not show that it bends. A step of a guideway or the
+waves of a screw give their function large powers up to its shortest wave, and its values stay. No
+function lends its powers to another.
+
+A cause of many readings (angles, drift) bends several functions at once. Each of their powers would
+count as evidence about the one cause, so `OF_CAUSES` times its variance is added to each: the
+smoothness of functions is evidence about noise, not about causes.
+
+The shorter half of the waves also shows the noise itself. Where their squares are smaller than
+their variances, the readings are better than their uncertainty states, and the powers count by so
+much more: readings without noise are not smoothed.
+
+The powers enter the adjustment as rows: each value of a shape is zero within the power of the
+shortest wave, beside causes for what longer waves have more. The readings alone decide which
+functions are identified: the others have no such rows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Self
+
+import numpy as np
+
+from stepdiag.base.result.result import DISPLACEMENTS
+from stepdiag.base.volume import Vector
+from stepdiag.solver.linear.components import Sizes
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.design import Design
+from stepdiag.solver.model.noise import LEAST_U_UM
+from stepdiag.solver.model.quantities import Quantities
+from stepdiag.solver.uncertainty.machine import with_rows
+from stepdiag.solver.uncertainty.spread import Spread
+
+BENDS = "bends"
+"""Name of the causes: the longer half waves of all functions."""
+FEWEST = 4
+"""Number of half waves from which powers can fall."""
+LEAST_SHARE = 1e-9
+"""Share of noise that is rounding."""
+OF_CAUSES = 10.0
+"""Nine functions with such a share of a cause's variance in their powers take less than half of it
+from the cause."""
+
+
+def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
+    """Return the covariances of a survey with the shapes of its identified displacement functions
+    as smooth random effects; unchanged for fewer than `FEWEST` half waves.
+    """
+    nodes = design.columns.nodes
+    number = np.arange(1, nodes)
+    waves = np.sin(np.pi * np.outer(number, number) / nodes)
+    seen = [
+        rows
+        for rows in map(quantities.of, DISPLACEMENTS)
+        if len(rows) >= FEWEST
+        and np.all(spread.fit.inverse.sees(quantities.select(rows).combination))
+    ]
+    if not seen:
+        return spread
+    shapes = [_Shape.of(spread, quantities.select(rows).combination, waves) for rows in seen]
+    share = noise_share(shapes)
+    powers = [each.powers_um2() / share for each in shapes]
+    longer = [waves * np.sqrt(power - power[-1]) for power in powers]
+    pattern = _diagonal([each[:, np.any(each, axis=0)] for each in longer])
+    u = np.sqrt(nodes / 2.0 * np.repeat([power[-1] for power in powers], nodes - 1))
+    combination = quantities.select(np.concatenate(seen)).combination
+    return Spread(
+        with_rows(spread.fit, design, combination, u, pattern),
+        np.append(spread.group, np.full(pattern.shape[1], len(spread.names))),
+        (*spread.names, BENDS),
+        Sizes(np.append(spread.sizes.factor, 1.0), np.append(spread.sizes.sought, False)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """The amounts of the half waves in a function, shape (waves,), and their variances by noise and
+    by causes.
+    """
+
+    amount: Vector
+    of_noise: Vector
+    of_causes: Vector
+
+    @classmethod
+    def of(cls, spread: Spread, shape: Rows, waves: Vector) -> Self:
+        """Return the half waves of a function whose values are ``shape``."""
+        transform = waves * 2.0 / (len(waves) + 1)
+        by_noise = transform @ shape.times(spread.fit.inverse.solve(shape.dense().T))
+        return cls(
+            amount=transform @ shape.times(spread.fit.unknowns),
+            of_noise=np.sum(by_noise * transform, axis=1),
+            of_causes=spread.variance(transform @ spread.moved(shape)),
+        )
+
+    @property
+    def variance(self) -> Vector:
+        """Return the variance of each amount."""
+        return self.of_noise + self.of_causes
+
+    def powers_um2(self) -> Vector:
+        """Return the powers of the half waves."""
+        power = falling_power(self.amount, self.variance) + OF_CAUSES * self.of_causes
+        falling = np.maximum.accumulate(power[::-1])[::-1]
+        return np.maximum(falling, LEAST_U_UM**2)
+
+
+def noise_share(shapes: Sequence[_Shape]) -> float:
+    """Return the share of the stated variances that the shorter half of all half waves shows, at
+    most 1.
+    """
+    short = len(shapes[0].amount) // 2
+    shown = sum(float(np.sum(each.amount[short:] ** 2)) for each in shapes)
+    stated = sum(float(np.sum(each.variance[short:])) for each in shapes)
+    return min(max(shown / stated, LEAST_SHARE), 1.0)
+
+
+def falling_power(amount: Vector, variance: Vector) -> Vector:
+    """Return the powers of half waves, which fall, by their estimated amounts and the variances of
+    these, shapes (waves,).
+    """
+    pools: list[tuple[float, float, int]] = []
+    for square, noise in zip((amount**2).tolist(), variance.tolist(), strict=True):
+        pools.append((square - noise, noise, 1))
+        while len(pools) > 1 and pools[-2][0] < pools[-1][0]:
+            pools[-2:] = [_pooled(*pools[-2:])]
+    each = [
+        np.full(many, max(power, 0.0) + np.sqrt(2.0 / many) * (max(power, 0.0) + noise))
+        for power, noise, many in pools
+    ]
+    return np.concatenate(each)
+
+
+def _pooled(
+    first: tuple[float, float, int], second: tuple[float, float, int]
+) -> tuple[float, float, int]:
+    many = first[2] + second[2]
+    power, noise = (
+        (one * first[2] + other * second[2]) / many
+        for one, other in zip(first[:2], second[:2], strict=True)
+    )
+    return power, noise, many
+
+
+def _diagonal(blocks: Sequence[Vector]) -> Vector:
+    """Return a matrix with the blocks on its diagonal and zeros beside them."""
+    height, width = (sum(each.shape[side] for each in blocks) for side in (0, 1))
+    matrix = np.zeros((height, width))
+    left = accumulate((each.shape[1] for each in blocks), initial=0)
+    for place, (first, each) in enumerate(zip(left, blocks, strict=False)):
+        matrix[place * len(each) : (place + 1) * len(each), first : first + each.shape[1]] = each
+    return matrix
