@@ -294,8 +294,10 @@ class Daemon:
         be safe in the log first.
         """
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
+        # a stop is reported one turn of the loop after its answer, and so is the end of its pass
         self._working.recorder.promise(
-            note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended)
+            note,
+            lambda: self._loop.call_soon_threadsafe(self._loop.call_soon, _say_ended, ended),
         )
         self._loop.call_soon(self._complete_if_settled)
         # the beginning of a process stops the loop for ten milliseconds: the machine waits for the

@@ -3,10 +3,10 @@ to target.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
+from stepdiag.solver.linear.monotone import falling_pools, pool_means
 from stepdiag.solver.model.design import Columns
 from stepdiag.solver.model.noise import LEAST_U_UM
 
@@ -38,21 +38,6 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
     )
     noise_um2 = 2.0 / columns.nodes * float(np.quantile(variance_um2[shown], 0.5))
     power = np.maximum(power, max(noise_um2, LEAST_U_UM**2))
-    falling = np.column_stack([_falling(column) for column in power.T])
+    falling = np.column_stack([pool_means(each, falling_pools(each)) for each in power.T])
     likelihood: Vector = len(DISPLACEMENTS) * np.sum(np.log(falling) + power / falling, axis=0)
     return likelihood
-
-
-def _falling(power: Vector) -> Vector:
-    """Return the nearest sequence that never rises (pool adjacent violators: the maximum likelihood
-    of falling variances).
-    """
-    pooled: list[tuple[float, int]] = []
-    for value in power.tolist():
-        mean, count = value, 1
-        while pooled and pooled[-1][0] < mean:
-            before, length = pooled.pop()
-            mean, count = (before * length + mean * count) / (length + count), length + count
-        pooled.append((mean, count))
-    counts: NDArray[np.int64] = np.array([count for _, count in pooled])
-    return np.repeat(np.array([mean for mean, _ in pooled]), counts)

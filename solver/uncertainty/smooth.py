@@ -36,6 +36,7 @@ import numpy as np
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.components import Sizes
+from stepdiag.solver.linear.monotone import falling_pools, pool_means
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.noise import LEAST_U_UM
@@ -131,27 +132,12 @@ def falling_power(amount: Vector, variance: Vector) -> Vector:
     """Return the powers of half waves, which fall, by their estimated amounts and the variances of
     these, shapes (waves,).
     """
-    pools: list[tuple[float, float, int]] = []
-    for square, noise in zip((amount**2).tolist(), variance.tolist(), strict=True):
-        pools.append((square - noise, noise, 1))
-        while len(pools) > 1 and pools[-2][0] < pools[-1][0]:
-            pools[-2:] = [_pooled(*pools[-2:])]
-    each = [
-        np.full(many, max(power, 0.0) + np.sqrt(2.0 / many) * (max(power, 0.0) + noise))
-        for power, noise, many in pools
-    ]
-    return np.concatenate(each)
-
-
-def _pooled(
-    first: tuple[float, float, int], second: tuple[float, float, int]
-) -> tuple[float, float, int]:
-    many = first[2] + second[2]
-    power, noise = (
-        (one * first[2] + other * second[2]) / many
-        for one, other in zip(first[:2], second[:2], strict=True)
-    )
-    return power, noise, many
+    pool = falling_pools(amount**2 - variance)
+    noise = pool_means(variance, pool)
+    power = np.maximum(pool_means(amount**2 - variance, pool), 0.0)
+    many = np.bincount(pool, minlength=len(pool))[pool]
+    found: Vector = power + np.sqrt(2.0 / many) * (power + noise)
+    return found
 
 
 def _diagonal(blocks: Sequence[Vector]) -> Vector:

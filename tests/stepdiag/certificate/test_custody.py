@@ -294,7 +294,9 @@ def test_export_report_of_another_result_is_refused(folder: Path, tmp_path: Path
     whole = table.read_bytes()
     table.write_bytes(whole + b"\n")
     told = stepdiag(*again[:-1], tmp_path / "f.xml")
-    assert (told.code, "READ_BACK.ngc: the SHA256SUMS" in str(told.refusal)) == (3, True), told.refusal
+    assert (told.code, "READ_BACK.ngc: the SHA256SUMS" in str(told.refusal)) == (3, True), (
+        told.refusal
+    )
     table.write_bytes(whole)
     altered(report, hashlib.sha256((folder / "result.json").read_bytes()).hexdigest(), "0" * 64)
     (exports / "EXPORT_REPORT.txt").write_bytes(report.read_bytes())
