@@ -52,7 +52,7 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
     kinds of setups, if any.
     """
     known = _Known(fixed)
-    place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
+    place = layout.target_index
     return [
         _count(known, layout, place, rows)
         for rows in _unbroken(fixed, layout, kinds)

@@ -66,6 +66,7 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
     """Return for each setup: kind, passes, stops, mirror tilt (mrad), drift, repeatability and
     residuals (um)."""
     layout, repaired_um = found.layout, found.repaired_um
+    place = layout.target_index
     reports: dict[str, SetupReport] = {}
     for index, setup in enumerate(layout.setups):
         used = (layout.setup_index == index) & np.isfinite(found.u_um)
@@ -75,7 +76,7 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
             tilt_mrad=None if tilt is None else float(np.linalg.norm(tilt)),
             tilt_xyz_mrad=None if tilt is None else triple(tilt),
             drift=_drifts(found, setup.name),
-            repeatability_um=_repeatability_um(layout, repaired_um, setup.name),
+            repeatability_um=_repeatability_um(layout, place, repaired_um, setup.name),
             residual_um=float(np.sqrt(np.mean(found.residual_um[used] ** 2)))
             if used.any()
             else None,
@@ -138,15 +139,16 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
     return np.where(kinds, added, 0.0)
 
 
-def _repeatability_um(layout: Layout, deviation_um: Vector, setup: str) -> float | None:
+def _repeatability_um(
+    layout: Layout, place: NDArray[np.int64], deviation_um: Vector, setup: str
+) -> float | None:
     """Return the standard deviation of a stop between passes in the same direction, None without
     repeats.
 
     A step of the count and a wrong stop are repaired, and are no scatter of the machine. Stops at a
     common target are equal, whatever their numbers: axes may move in another order from pass to
-    pass. ``deviation_um`` (m,) is NaN for a stop left out.
+    pass. ``place`` (m,) numbers the targets, ``deviation_um`` (m,) is NaN for a stop left out.
     """
-    place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     squares, freedom = 0.0, 0
     for outward in (True, False):
         mine = [

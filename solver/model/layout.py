@@ -86,6 +86,12 @@ class Layout:
         )
 
     @property
+    def target_index(self) -> NDArray[np.int64]:
+        """Return the number of the target of each reading, the same in every pass, shape (m,)."""
+        found: NDArray[np.int64] = np.unique(self.position_mm, axis=0, return_inverse=True)[1]
+        return found.ravel()
+
+    @property
     def joined(self) -> bool:
         """Return whether any outward pass and its return share the zero of the count: then constant
         backlash is observable.

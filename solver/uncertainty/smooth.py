@@ -28,6 +28,7 @@ functions are identified: the others have no such rows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import accumulate
 from typing import Self
 
@@ -62,23 +63,18 @@ def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
     nodes = design.columns.nodes
     number = np.arange(1, nodes)
     waves = np.sin(np.pi * np.outer(number, number) / nodes)
-    seen = [
-        rows
-        for rows in map(quantities.of, DISPLACEMENTS)
-        if len(rows) >= FEWEST
-        and np.all(spread.fit.inverse.sees(quantities.select(rows).combination))
-    ]
+    every = [quantities.select(quantities.of(name)).combination for name in DISPLACEMENTS]
+    seen = [rows for rows in every if len(rows) >= FEWEST and np.all(spread.fit.inverse.sees(rows))]
     if not seen:
         return spread
-    shapes = [_Shape.of(spread, quantities.select(rows).combination, waves) for rows in seen]
+    shapes = [_Shape.of(spread, rows, waves) for rows in seen]
     share = noise_share(shapes)
     powers = [each.powers_um2() / share for each in shapes]
     longer = [waves * np.sqrt(power - power[-1]) for power in powers]
     pattern = _diagonal([each[:, np.any(each, axis=0)] for each in longer])
     u = np.sqrt(nodes / 2.0 * np.repeat([power[-1] for power in powers], nodes - 1))
-    combination = quantities.select(np.concatenate(seen)).combination
     return Spread(
-        with_rows(spread.fit, design, combination, u, pattern),
+        with_rows(spread.fit, design, reduce(Rows.followed_by, seen), u, pattern),
         np.append(spread.group, np.full(pattern.shape[1], len(spread.names))),
         (*spread.names, BENDS),
         Sizes(np.append(spread.sizes.factor, 1.0), np.append(spread.sizes.sought, False)),
@@ -132,9 +128,9 @@ def falling_power(amount: Vector, variance: Vector) -> Vector:
     """Return the powers of half waves, which fall, by their estimated amounts and the variances of
     these, shapes (waves,).
     """
-    pool = falling_pools(amount**2 - variance)
-    noise = pool_means(variance, pool)
-    power = np.maximum(pool_means(amount**2 - variance, pool), 0.0)
+    shown = amount**2 - variance
+    pool = falling_pools(shown)
+    noise, power = pool_means(variance, pool), np.maximum(pool_means(shown, pool), 0.0)
     many = np.bincount(pool, minlength=len(pool))[pool]
     found: Vector = power + np.sqrt(2.0 / many) * (power + noise)
     return found
