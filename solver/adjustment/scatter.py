@@ -204,17 +204,30 @@ def _together(
     ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a
     common size in addition to the assumed.
     """
-    common, size = _COMMON[:, None], np.log(assumed)
-    each = [
-        one - 0.5 * ((at + _LOG - own - common) / alike) ** 2
-        for one, at, own in zip(likely, log_before, size, strict=True)
+    best = np.argmax(
+        sum(
+            (
+                np.max(_by_common(*one, alike), axis=1)
+                for one in zip(likely, log_before - np.log(assumed), strict=True)
+            ),
+            -0.5 * (1.0 / BROAD**2 + len(likely) / alike**2) * _COMMON**2,
+        )
+    )
+    found = [
+        at + _LOG[np.argmax(one - 0.5 * ((at + _LOG - np.log(own) - _COMMON[best]) / alike) ** 2)]
+        for one, at, own in zip(likely, log_before, assumed, strict=True)
     ]
-    best = int(
-        np.argmax(sum((np.max(one, axis=1) for one in each), -0.5 * (common[:, 0] / BROAD) ** 2))
-    )
-    return np.array(
-        [np.exp(at + _LOG[np.argmax(one[best])]) for one, at in zip(each, log_before, strict=True)]
-    )
+    return np.array(np.exp(found))
+
+
+def _by_common(likely: Vector, shift: float, alike: float) -> Vector:
+    """Return the log-likelihood and prior of every size (columns) for each common size (rows), less
+    the square of the common size: one product and one sum for each pair.
+    """
+    size = shift + _LOG
+    found: Vector = np.outer(_COMMON / alike**2, size)
+    found += likely - 0.5 * (size / alike) ** 2
+    return found
 
 
 def unshown(found: Scatter, layout: Layout) -> Sequence[str]:

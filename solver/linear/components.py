@@ -1,9 +1,10 @@
 """Sizes of the causes of a mixed fit: restricted maximum likelihood, a size per group, the usual
 size if the readings contain no information.
 
-Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3). The prior of a
-size has the user's value as its most likely order of magnitude and extends to zero: a cause may be
-absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
+Newton's iteration on the logarithm of the sizes, and Fisher scoring far from the most likely value,
+where the observed information is not positive (Searle, Casella, McCulloch 1992, 8.2-8.3). The prior
+of a size has the user's value as its most likely order of magnitude and extends to zero: a cause
+may be absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
 from dataclasses import dataclass
@@ -14,10 +15,8 @@ from numpy.typing import NDArray
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit, MixedFit
 
-ROUNDS, ROUNDS_NEAR = 40, 4
-"""Numbers of iterations; the second number applies to a search that begins near its end and
-continues with the next weights.
-"""
+ROUNDS = 40
+"""Largest number of iterations; a search takes four to eight."""
 LARGEST_STEP = 1.5
 """Largest change of the logarithm of a size in one iteration: a longer step leaves the range of the
 quadratic approximation.
@@ -80,12 +79,13 @@ def scored(
     free = np.flatnonzero(sought)
     member = (group[:, None] == free).astype(np.float64)
     furthest, before = np.full(len(free), LARGEST_STEP), np.zeros(len(free))
-    rounds = ROUNDS if near is None else ROUNDS_NEAR
-    for _ in range(rounds if len(free) else 0):
+    for _ in range(ROUNDS if len(free) else 0):
         here = sized(mixed, np.exp(log)[group])
-        gradient, information = _slope(here, member)
+        gradient, observed, expected = _slope(here, member)
         first, curved = _prior_slope(log[free])
-        step = np.linalg.solve(information + np.diag(curved), gradient + first)
+        near_the_top = np.linalg.eigvalsh(observed + np.diag(curved))[0] > _LEAST_CURVED
+        information = (observed if near_the_top else expected) + np.diag(curved)
+        step = np.linalg.solve(information, gradient + first)
         # a size that has passed the most likely value goes back by half the distance: the expected
         # information may be too large
         furthest = np.where(step * before < 0, 0.5 * furthest, furthest)
@@ -101,15 +101,24 @@ def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
     return MixedFit(mixed.fixed, mixed.causes, mixed.size * factor)
 
 
-def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
-    """Return gradient and expected information of the restricted likelihood by the logarithm of
-    every group's size."""
-    determined = np.eye(len(here.size)) - here.damped_root.T @ here.damped_root
+def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector, Vector]:
+    """Return the gradient of the restricted likelihood by the logarithm of every group's size, and
+    its observed and expected information.
+
+    With the amounts m in units of their size and their covariance P, shapes (q,) and (q, q), a
+    change of a group's logarithm moves m by (2 P - 1) m and P by -P (1 - P) - (1 - P) P, each over
+    the group alone.
+    """
+    covariance = here.damped_root.T @ here.damped_root
     safe = np.where(here.size > 0, here.size, 1.0)
     scaled = here.amount / safe
-    gradient = member.T @ (scaled**2 - np.diag(determined))
-    information = 2.0 * member.T @ (determined**2) @ member
-    return gradient, information
+    determined = 1.0 - np.diag(covariance)
+    gradient = member.T @ (scaled**2 - determined)
+    square = 2.0 * member.T @ (covariance**2) @ member
+    across = (member * scaled[:, None]).T @ covariance @ (member * scaled[:, None])
+    own = member.T @ np.column_stack([scaled**2 + 1.0 - determined, 2.0 * determined - 1.0])
+    observed = 2.0 * np.diag(own[:, 0]) - square - 4.0 * across
+    return gradient, observed, 2.0 * np.diag(own[:, 1]) + square
 
 
 def gained(fit: AnyFit, left: Vector | float) -> Vector:
