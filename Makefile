@@ -70,6 +70,7 @@ bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 honesty: $(VENV)/.ready ## does what the solver says of itself hold, against exact machines
 	$(VENV)/bin/python -m benchmarks.honesty
 	$(VENV)/bin/python -m benchmarks.honesty --explained 20
+	$(VENV)/bin/python -m benchmarks.large_angles 20
 	for each in wrong_tables hasty designs; do $(VENV)/bin/python -m benchmarks.$$each || exit 1; done
 
 # ten thousand bits, and machines that stand exactly at their tolerance: half an hour

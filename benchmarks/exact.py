@@ -120,14 +120,14 @@ class ExactModel:
         usual = np.concatenate(
             [
                 np.full(self.counts[0], _FREE),
-                self._usual_urad(),
+                self.usual_urad(),
                 np.full(self.counts[2], _FREE),
                 np.full(len(zeros), _FREE),
             ]
         )
         return np.column_stack([*slopes, *zeros]), np.concatenate(weight), usual**-2.0
 
-    def _usual_urad(self) -> Array:
+    def usual_urad(self) -> Array:
         """Return the root mean squares of slope and waves over drawn functions of this class."""
         if not self.angle_urad:
             return np.zeros(0)

@@ -463,7 +463,8 @@ def machine_of(row: Row, seed: int) -> Machine:
     return machine if row.machine is None else row.machine(machine, seed)
 
 
-def _signs(setup: str) -> Array:
+def signs_of(setup: str) -> Array:
+    """Return the direction of each axis in the travel of a setup, shape (3,)."""
     base = setup.partition("+")[0]
     signs = np.zeros(3)
     kind, _, rest = base.partition("-")
@@ -480,7 +481,7 @@ def _signs(setup: str) -> Array:
 
 
 def _stops_mm(row: Row, setup: str) -> Array:
-    signs, size = _signs(setup), np.array(SIZE_MM)
+    signs, size = signs_of(setup), np.array(SIZE_MM)
     shift = (
         np.array(row.shifts_mm.get(setup, (0.0, 0.0, 0.0)))
         if setup.startswith("linear")
@@ -495,8 +496,13 @@ def _stops_mm(row: Row, setup: str) -> Array:
     return np.array(stops)
 
 
-def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
-    """Return the readings of a row's survey, and the machine at their mean time."""
+def drive(
+    row: Row, machine: Machine, seed: int, *, still: bool = False
+) -> tuple[Readings, Machine]:
+    """Return the readings of a row's survey, and the machine at their mean time; ``still``: each
+    axis ends at its target, and no mirror leans.
+    """
+    lean_mrad, arrival_um = (0.0, 0.0) if still else (TILT_MRAD, REPEATABILITY_UM)
     rng, of_extra = np.random.default_rng((7, seed)), np.random.default_rng((8, seed))
     columns: dict[str, list[Array]] = {
         name: [] for name in ("position_mm", "reading_mm", "time_s", "beam_mm", "unseen_c")
@@ -508,11 +514,11 @@ def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
     start_s = 0.0
     for place, setup in enumerate(row.setups):
         outward = _stops_mm(row, setup)
-        direction = _signs(setup) * np.array(SIZE_MM)
+        direction = signs_of(setup) * np.array(SIZE_MM)
         length = float(np.linalg.norm(direction))
         direction /= length
         linear = setup.startswith("linear")
-        lean = TILT_MRAD * np.array([np.cos(turn := rng.uniform(0, 2 * np.pi)), np.sin(turn)])
+        lean = lean_mrad * np.array([np.cos(turn := rng.uniform(0, 2 * np.pi)), np.sin(turn)])
         ends = row.beam_end_mm / length * 1e3 * np.array([np.cos(turn), np.sin(turn)])
         beam = tilted(direction, tuple((ends if linear or row.beam_end_mm else lean).tolist()))
         through = outward[0] + (
@@ -540,9 +546,9 @@ def drive(row: Row, machine: Machine, seed: int) -> tuple[Readings, Machine]:
         zero_mm = 0.0
         for number in row.passes:
             at = outward if number % 2 else outward[::-1].copy()
-            way = _signs(setup) if number % 2 else -_signs(setup)
+            way = signs_of(setup) if number % 2 else -signs_of(setup)
             came = arrivals(
-                DrivenPass(setup, number, at, way), Scatter(arrival_um=(REPEATABILITY_UM,) * 3), rng
+                DrivenPass(setup, number, at, way), Scatter(arrival_um=(arrival_um,) * 3), rng
             )
             time_s = _exact(start_s + 10.0 * np.arange(len(at)))
             reading = hot.indicated_mm(placed, at + came.off_mm, direction=came.side, time_s=time_s)
