@@ -16,7 +16,7 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit, MixedFit
 
 ROUNDS = 40
-"""Largest number of iterations; a search takes four to eight."""
+"""Largest number of iterations; a search takes two to six."""
 LARGEST_STEP = 1.5
 """Largest change of the logarithm of a size in one iteration: a longer step leaves the range of the
 quadratic approximation.
