@@ -13,7 +13,7 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
-from stepdiag.solver.adjustment.counts import Count, counts
+from stepdiag.solver.adjustment.counts import Counts, counts
 from stepdiag.solver.adjustment.evidence import ODDS, PLACE, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import (
@@ -608,7 +608,7 @@ class _Task:
             return usual
         return self._worst_in(current, every)
 
-    def _worst_in(self, fit: MixedFit, every: Sequence[Count]) -> Suspicion | None:
+    def _worst_in(self, fit: MixedFit, every: Counts) -> Suspicion | None:
         """Return the worst contradiction in a fit, None where a product or a scale explains it
         nearly as well: these are weighed after the search (`solver.adjustment.explanations`).
         """

@@ -1,11 +1,12 @@
 """The unbroken counts of a survey, and the residues of patterns on each after a fit: wrong
-readings, steps, walks, all at once.
+readings, steps, walks, all at once; and the ways that were driven more than once.
 
 Computed once for a fit without causes; causes of any size are a small correction to it.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,17 +48,53 @@ class Count:
     walked: Vector
 
 
-def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> list[Count]:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Way:
+    """A travel of a setup with the readings ``rows`` (k,) of all its drives: ``pattern`` (k, c) has
+    a column for each target that is reached more than once, and for each step there.
+
+    ``left`` (c,) is the residue h' W R h of each column after a fit without causes, ``whole`` (c,)
+    the same without any unknowns; ``named`` (c,) is the first reading at its target.
+    """
+
+    rows: NDArray[np.int64]
+    named: NDArray[np.int64]
+    pattern: Vector
+    left: Vector
+    whole: Vector
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Counts:
+    """The unbroken counts of a survey after a fit without causes, each ``single``."""
+
+    fixed: Fit
+    single: Sequence[Count]
+
+    @cached_property
+    def ways(self) -> list[Way]:
+        """Return the ways with more than a handful of targets that are reached more than once."""
+        every = [
+            [count for count in self.single if count.way == way]
+            for way in dict.fromkeys(count.way for count in self.single)
+        ]
+        return [_way(self.fixed, driven) for driven in every if _again(driven) > LEAST_ROWS]
+
+
+def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> Counts:
     """Return every unbroken count with more than a handful of used readings; only for the given
     kinds of setups, if any.
     """
     known = _Known(fixed)
     place = layout.target_index
-    return [
-        _count(known, layout, place, rows)
-        for rows in _unbroken(fixed, layout, kinds)
-        if len(rows) > LEAST_ROWS
-    ]
+    return Counts(
+        fixed=fixed,
+        single=[
+            _count(known, layout, place, rows)
+            for rows in _unbroken(fixed, layout, kinds)
+            if len(rows) > LEAST_ROWS
+        ],
+    )
 
 
 def short_counts(fixed: Fit, layout: Layout, kinds: Collection[str]) -> list[NDArray[np.int64]]:
@@ -98,6 +135,43 @@ def _count(
         step=from_each_on(weight - own - 2.0 * common),
         walk=walk,
         walked=walk.T @ weighted - weighted.T @ among.times(weighted),
+    )
+
+
+def _again(driven: Sequence[Count]) -> int:
+    """Return the number of targets that the drives of a way reach more than once."""
+    place = np.concatenate([count.place for count in driven])
+    return int(np.count_nonzero(np.unique(place, return_counts=True)[1] > 1))
+
+
+def _way(fixed: Fit, driven: Sequence[Count]) -> Way:
+    """Return a way by the weighted sums of all readings at each target, in the order along it."""
+    rows, target, along_mm = (
+        np.concatenate([getattr(count, name) for count in driven])
+        for name in ("rows", "place", "along_mm")
+    )
+    _, first, place, times = np.unique(
+        target, return_index=True, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(along_mm[first], kind="stable")
+    at = (order[:, None] == place).astype(np.float64)
+    again = np.flatnonzero(times[order] > 1)
+    # a step before the second target or the last is a wrong first or last one
+    steps = again[2:-1]
+    weighted = at * fixed.weight[rows]
+    among = fixed.inverse.among(fixed.rows.select(rows).summed(weighted))
+    whole, on_each = np.sum(weighted, axis=1), from_each_on(from_each_on(among).T)
+    return Way(
+        rows=rows,
+        named=rows[first[order[np.concatenate([again, steps])]]],
+        pattern=np.column_stack([at[again].T, from_each_on(at)[steps].T]),
+        left=np.concatenate(
+            [
+                (whole - np.diag(among))[again],
+                (from_each_on(whole) - np.diag(on_each))[steps],
+            ]
+        ),
+        whole=np.concatenate([whole[again], from_each_on(whole)[steps]]),
     )
 
 

@@ -29,7 +29,7 @@ Products are not functions of an axis: the posterior holds them as separate numb
 contains them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import message
 from stepdiag.base.result.field import PRODUCTS
 from stepdiag.base.volume import Vector
-from stepdiag.solver.adjustment.counts import Count
+from stepdiag.solver.adjustment.counts import Counts
 from stepdiag.solver.adjustment.evidence import (
     DECIMALS,
     GROWN,
@@ -137,9 +137,7 @@ class Explained:
         ]
 
 
-def explained(
-    fit: MixedFit, layout: Layout, growth_um: Vector, every: Sequence[Count]
-) -> Explained:
+def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -> Explained:
     """Return the mixture of the explanations of a survey; ``growth_um`` (m, k) is the effect of
     growth, which may be larger than usual.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Words
 from stepdiag.base.volume import Vector, Volume
-from stepdiag.solver.adjustment.counts import LEAST_ROWS, Count, from_each_on, steps_of
+from stepdiag.solver.adjustment.counts import Count, Counts, Way, from_each_on, steps_of
 from stepdiag.solver.adjustment.evidence import (
     DECIMALS,
     ODDS,
@@ -104,7 +104,7 @@ class Suspicion:
         return len(self.faults) == 1
 
 
-def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> Suspicion | None:
+def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion | None:
     """Return the worst contradiction among the readings; None unless an explanation is `ODDS` times
     as likely as chance.
     """
@@ -125,13 +125,14 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> 
     return Suspicion(faults=kept)
 
 
-def families(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
+def families(fit: MixedFit, every: Counts) -> Iterator[Family]:
     """Return the wrong stops and the steps on ``every`` count of the used readings, and those of
     the machine: the same in each drive of a way.
     """
-    for count in every:
+    for count in every.single:
         yield from _on_count(fit, count)
-    yield from _in_each_drive(fit, every)
+    for way in every.ways:
+        yield _on_way(fit, way)
 
 
 def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
@@ -161,63 +162,24 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
     )
 
 
-def _in_each_drive(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
-    """Return the machine's stops and steps on the ways that were driven more than once; the best
-    `MOST_WEIGHED` by their residues are seen.
+def _on_way(fit: MixedFit, way: Way) -> Family:
+    """Return the machine's stops and steps on a way that was driven more than once.
 
     Two drives that contradict all others alike do not contradict each other: no fault of a reading
     or of a count repeats at its place.
     """
-    found = [
-        family
-        for way in dict.fromkeys(count.way for count in every)
-        for family in _on_way(fit, [count for count in every if count.way == way])
-    ]
-    if not found:
-        return
-    square = [family.shown**2 / family.seen for family in found]
-    most = np.sort(np.concatenate(square))[-MOST_WEIGHED:][0]
-    weighed = [np.flatnonzero(one >= most) for one in square]
-    on_all = np.zeros((len(fit.weight), sum(len(places) for places in weighed)))
-    edges = np.cumsum([0, *(len(places) for places in weighed)])
-    for family, places, first in zip(found, weighed, edges.tolist(), strict=False):
-        on_all[family.rows, first : first + len(places)] = family.pattern(places)
-    rows = np.flatnonzero(np.any(on_all, axis=1))
-    seen = np.diag(response_of(fit, rows, on_all[rows]).seen)
-    for family, places, first in zip(found, weighed, edges.tolist(), strict=False):
-        part = np.zeros(len(family.named))
-        part[places] = seen[first : first + len(places)]
-        yield replace(family, seen=visible(part, family.seen))
-
-
-def _on_way(fit: MixedFit, driven: Sequence[Count]) -> Iterator[Family]:
-    """Return the stops and steps at the targets that the drives of a way reach more than once, seen
-    as without any unknowns.
-    """
-    rows, place, along_mm = (
-        np.concatenate([getattr(count, name) for count in driven])
-        for name in ("rows", "place", "along_mm")
-    )
-    first, times = np.unique(place, return_index=True, return_counts=True)[1:]
-    again = first[times > 1][np.argsort(along_mm[first[times > 1]])]
-    if len(again) <= LEAST_ROWS:
-        return
-    # a step before the second target or the last is a wrong first or last one
-    inner = again[2:-1]
-    pattern = np.column_stack(
-        [place[:, None] == place[again], along_mm[:, None] >= along_mm[inner]]
-    ).astype(np.float64)
-    yield Family(
+    mixed = way.pattern.T @ fit.taken_over[way.rows]
+    return Family(
         kind=PLACE,
-        rows=rows,
-        named=rows[np.concatenate([again, inner])],
-        shown=pattern.T @ (fit.weight[rows] * fit.residual[rows]),
-        seen=pattern.T @ fit.weight[rows],
-        pattern=lambda places: pattern[:, places],
+        rows=way.rows,
+        named=way.named,
+        shown=way.pattern.T @ (fit.weight[way.rows] * fit.residual[way.rows]),
+        seen=visible(way.left - np.sum(mixed**2, axis=1), way.whole),
+        pattern=lambda places: way.pattern[:, places],
     )
 
 
-def most_odds(fit: MixedFit, every: Sequence[Count]) -> float:
+def most_odds(fit: MixedFit, every: Counts) -> float:
     """Return the log-odds, against no fault, of the best stop, step or walk on ``every`` count of
     the readings, by the readings alone; minus infinity without counts.
     """
@@ -232,7 +194,7 @@ def number_of(every: Sequence[Family], kind: str) -> int:
     return sum(len(one.named) for one in every if one.kind == kind)
 
 
-def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fault]:
+def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
     """Return the stops and steps with any evidence, at most `MOST_WEIGHED`, with the evidence of
     the machine's smoothness.
     """
@@ -274,12 +236,12 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
     ]
 
 
-def walks(fit: MixedFit, every: Sequence[Count]) -> list[Fault]:
+def walks(fit: MixedFit, every: Counts) -> list[Fault]:
     """Return for each count the fault that its pass wanders: all its steps at once, as a random
     walk in addition to the usual effects of every pass.
     """
-    found, prior = [], log_prior(WALK, len(every))
-    for count in every:
+    found, prior = [], log_prior(WALK, len(every.single))
+    for count in every.single:
         mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
         shown, seen = directions(
             count.walked - mixed.T @ mixed,

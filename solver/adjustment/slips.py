@@ -87,7 +87,7 @@ def slips_report(
         ]
         every += [
             worst
-            for count in counts(fit.fixed, layout, kinds)
+            for count in counts(fit.fixed, layout, kinds).single
             for worst in _worst_in(field, layout, count, out)
         ]
         if every:

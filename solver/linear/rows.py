@@ -28,6 +28,19 @@ class Rows:
         """Return some of the rows, in this order."""
         return Rows(self.column[rows], self.value[rows], self.count)
 
+    def summed(self, amount: Vector) -> "Rows":
+        """Return sums of the rows, each times its ``amount`` (sums, m): a row belongs to at most
+        one sum.
+        """
+        of = [np.flatnonzero(each) for each in amount]
+        most, width = max(map(len, of), default=0), self.column.shape[1]
+        column = np.zeros((len(amount), most, width), dtype=np.int64)
+        value = np.zeros((len(amount), most, width))
+        for place, rows in enumerate(of):
+            column[place, : len(rows)] = self.column[rows]
+            value[place, : len(rows)] = self.value[rows] * amount[place, rows, None]
+        return Rows(column.reshape(len(amount), -1), value.reshape(len(amount), -1), self.count)
+
     def times(self, unknowns: Vector) -> Vector:
         """Return A @ unknowns, shape (m,) or (m, k)."""
         if unknowns.ndim == 1:

@@ -13,7 +13,7 @@ def test_counts_of_repeats_that_share_their_rows_are_as_by_the_definition():
     drift."""
     layout = lay_out(Bench(increments=3).survey(DIAGONALS, passes=(1, 3, 5)))
     fixed = adjust(layout, "FXYZ").fit.fixed
-    found = counts(fixed, layout)
+    found = counts(fixed, layout).single
     assert len(found) == 12
     for count in found:
         rows, weight = fixed.rows.select(count.rows).dense(), fixed.weight[count.rows]

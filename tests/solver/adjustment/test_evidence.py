@@ -315,11 +315,12 @@ def test_a_hypothesis_is_the_least_squares_fit_with_one_more_unknown():
 
 def test_what_is_left_of_a_count_is_what_each_pattern_tells_by_itself():
     found = adjusted(Bench(seed=1, increments=3).survey(passes=(1, 2), joined=True))
-    for count in counts(found.fit.fixed, found.layout)[::3]:
+    every = counts(found.fit.fixed, found.layout)
+    for count in every.single[::3]:
         size = len(count.rows)
-        for family in list(families(found.fit, [count]))[:2]:
+        for family in families(found.fit, replace(every, single=[count])):
             places = np.arange(len(family.named))
-            alone = response_of(found.fit, count.rows, family.pattern(places))
+            alone = response_of(found.fit, family.rows, family.pattern(places))
             assert family.seen == pytest.approx(np.diag(alone.seen), abs=1e-7)
             assert family.shown == pytest.approx(alone.shown)
         steps = steps_of(size, np.arange(1, size))

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from stepdiag.base.result.field import PRODUCTS
 from stepdiag.solver.adjustment import explanations
 from stepdiag.solver.adjustment.adjustment import adjust
+from stepdiag.solver.adjustment.counts import Counts
 from stepdiag.solver.adjustment.evidence import GROWN, ODDS, PRODUCT, SCALE, SURE
 from stepdiag.solver.adjustment.explanations import explained, products_um, reaching, shares
 from stepdiag.solver.methods.solve import solve
@@ -148,4 +149,5 @@ def test_a_survey_without_a_volume_has_no_products():
     assert not np.any(products_um(layout))
     found = adjust(layout, "FXYZ")
     assert not found.explained.probable(PRODUCT)
-    assert explained(found.fit, layout, np.zeros((len(layout), 0)), []).nothing == 1.0
+    none = Counts(fixed=found.fit.fixed, single=[])
+    assert explained(found.fit, layout, np.zeros((len(layout), 0)), none).nothing == 1.0
