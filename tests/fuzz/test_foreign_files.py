@@ -11,7 +11,7 @@ from testkit.hostile.changes import CHANGES, changed
 from testkit.hostile.foreign import targets
 
 TARGETS = targets()
-EXAMPLES = int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "30"))
+EXAMPLES = int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "20"))
 """For each target; docs/security.md says how an hour is spent."""
 
 

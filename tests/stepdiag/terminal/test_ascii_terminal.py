@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag.cli.app import main as command_line
+from testkit.examples import spread
 from testkit.hostile.door import Door
 from testkit.hostile.doors import doors
 
@@ -33,7 +34,7 @@ DOORS = {
 """One door a command that is given files."""
 
 
-@pytest.mark.parametrize("name", DOORS)
+@pytest.mark.parametrize("name", spread([*DOORS], 2))
 def test_a_command_with_files_ends_as_it_does_on_any_terminal(name: str, tmp_path: Path) -> None:
     """With texts in its files that the terminal has no letters for, where there are any."""
     door = DOORS[name]
@@ -44,7 +45,7 @@ def test_a_command_with_files_ends_as_it_does_on_any_terminal(name: str, tmp_pat
     assert said.decode("utf-8")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", spread([*COMMANDS], 2))
 def test_a_command_without_files_too(name: str, tmp_path: Path) -> None:
     code, said = on_ascii(Door(COMMANDS[name], {}, "", lambda text, _: text), tmp_path)
     assert code in {0, 2}, said
