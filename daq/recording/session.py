@@ -140,6 +140,10 @@ class Session:
         self.capture: Capture | None = None
         self._samples = 0
         self._strip = Strip()
+        self._unshown: StreamBuffer | None = None
+        """The laser's samples of the pass that ended last, until they are displayed: the machine
+        waits for the answer to the last stop while its pass ends.
+        """
         self.recent = RecentStops()
         self.signals: Signals | None = None
         self.book = PassBook(survey)
@@ -190,6 +194,9 @@ class Session:
         """Return the newest readings for display. The samples are decoded here; while no page
         displays them, chunks are collected and decoded together.
         """
+        if self._unshown is not None:
+            self._strip.follow(self._unshown)
+            self._unshown = None
         self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
         return self._strip
 
@@ -490,7 +497,7 @@ class Session:
         self._sink.end(status, str(reason))
         self._breaks = self.capture.left_over() if self.capture is not None else ()
         self._beyond = self.capture.went_beyond() if self.capture is not None else False
-        _ = self.strip  # takes the last samples of the capture, which is ending
+        self._unshown = self.capture.laser if self.capture is not None else None
         self.capture = None
         self._idle = _idle_streams(self.survey)
 

@@ -58,7 +58,7 @@ class SurveyLinks:
         self._details: dict[str, Words] = {}
         self._arrived: deque[Chunk] = deque()
         self._collected_ns = 0
-        self._woken = False
+        self._woken = self._hurried = False
         self._rests_until_ns = 0
         self._arrived_bytes = self._lost_chunks = self._lost_bytes = 0
         self._failed: asyncio.Future[None] = self._loop.create_future()
@@ -119,8 +119,10 @@ class SurveyLinks:
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
-        """Collect the bytes that the instruments sent until now at once: a task waits for them."""
-        self._collected_ns = 0
+        """Until the next poll, collect every chunk as soon as it arrives: a machine waits. The
+        instruments' bytes until now arrive at once.
+        """
+        self._hurried = True
         for stream in self._streams:
             stream.hurry()
 
@@ -182,7 +184,7 @@ class SurveyLinks:
                 return
             self._arrived_bytes += len(data)
             self._arrived.append(Chunk(stream, arrival_ns, data))
-            if arrival_ns - self._collected_ns > WAKE_NS:
+            if self._hurried or arrival_ns - self._collected_ns > WAKE_NS:
                 self._wake()
 
         return arrived
@@ -218,6 +220,7 @@ class SurveyLinks:
         return changed
 
     def _polled(self, block: ModbusBlock) -> None:
+        self._hurried = False
         self.collect()
         self._heard_ns["machine"] = block.recv_ns
         self._consume(block)

@@ -13,6 +13,7 @@ BIN_S = 0.02
 KEEP_BINS = 75
 """A second and a half: a page that misses one or two pictures still gets every bin."""
 _BIN_NS = round(BIN_S * 1e9)
+_KEEP_NS = KEEP_BINS * _BIN_NS
 
 
 class Strip:
@@ -25,18 +26,22 @@ class Strip:
         self._newest_ns = 0
 
     def follow(self, stream: StreamBuffer) -> None:
-        """Take the stream's new samples."""
-        for batch in stream.since(self._newest_ns):
-            self.add(batch)
+        """Take the stream's new samples, as far back as the bins are kept."""
+        fresh = stream.since(self._newest_ns)
+        ends_ns = [int(batch.arrival_ns[-1]) for batch in fresh]
+        kept_ns = ends_ns[-1] - _KEEP_NS if fresh else 0
+        for batch, end_ns in zip(fresh, ends_ns, strict=True):
+            if end_ns < kept_ns:
+                self._newest_ns = end_ns
+            else:
+                self.add(batch)
 
     def add(self, batch: Samples) -> None:
         """Process a batch: its samples are spread evenly over the time since the previous batch."""
         if not len(batch) or int(batch.arrival_ns[-1]) <= self._newest_ns:
             return
         end = int(batch.arrival_ns[-1])
-        begin = (
-            max(self._newest_ns, end - KEEP_BINS * _BIN_NS) if self._newest_ns else end - _BIN_NS
-        )
+        begin = max(self._newest_ns, end - _KEEP_NS) if self._newest_ns else end - _BIN_NS
         number = np.linspace(begin, end, len(batch) + 1)[1:].astype(np.int64) // _BIN_NS
         self._newest_ns = end
         edges = np.flatnonzero(np.diff(number, prepend=number[0] - 1))

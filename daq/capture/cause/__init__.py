@@ -37,10 +37,10 @@ pass, two or three explained by a common line are.
 Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a
 right file and as every cause that changes another line, and when the laser has confirmed two of its
 steps. Of two causes with equal fit, neither is named as the cause: a finding states both lines and
-the next move that separates them. A pass whose steps fit the file is not judged again, and no pass
-is judged again after `LAST` standstills. One pair stays open until the pass ends: without positions
-a pass that begins at its second stop makes the steps of another order of axes. The number of stops
-at its end decides.
+the next move that separates them. A pass whose steps fit the file is not judged again once every
+axis has moved, and no pass is judged again after `LAST` standstills. One pair stays open until the
+pass ends: without positions a pass that begins at its second stop makes the steps of another order
+of axes. The number of stops at its end decides.
 
 Findings explained by a named cause are not raised at single stops (`EXPLAINED`). The machine's
 signals, not this module, name the stops: they are named again from the logs when the file is

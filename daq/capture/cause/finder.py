@@ -91,7 +91,7 @@ class CauseFinder:
     found: Cause | None = None
     over: bool = False
     plain: bool = False
-    """Whether the unchanged file fits the standstills."""
+    """Whether the unchanged file has fitted the standstills."""
     undecided: bool = False
     """Whether two causes with equal fit were reported."""
 
@@ -130,17 +130,20 @@ class CauseFinder:
             for score, other in causes[1:]
             if other.kind != cause.kind and best - score <= SURE
         ]
-        self.plain = (
+        fits = (
             not (cause.changes or rivals or SPOILING & set(self.named))
             and self.evidence.begin(cause.route) is not None
         )
+        self.plain = fits or (self.plain and not self.named)
         named = bool(cause.changes) and self.evidence.confirms(cause)
         if named and not rivals:
             self.found, self.over, self.held = cause, True, []
             return (
                 [] if self.named else [self._finding(cause)]
             )  # until the named line is corrected, later passes show its consequences
-        self.over = self.plain or (len(self.evidence) >= LAST and not late)
+        self.over = (fits and self.evidence.covers(cause.route)) or (
+            len(self.evidence) >= LAST and not late
+        )
         alike = [other for _, other in rivals if named and all(each.changes for _, each in rivals)]
         news = (
             [_alike(cause, alike[0], len(self.evidence))]
@@ -148,7 +151,7 @@ class CauseFinder:
             else []
         )
         self.undecided = self.undecided or bool(news)
-        return [*news, *(self.released() if self.over else [])]
+        return [*news, *(self.released() if self.over or self._passes_on else [])]
 
     def misses_first(self, route: Route, after: Stand | None = None) -> bool:
         """Return whether the pass on a route is over without its first stop: its standstills are
@@ -157,7 +160,8 @@ class CauseFinder:
         Until the end another order of the axes makes the same steps.
         """
         stands = self.evidence.stands
-        if self.over or self.named or len(stands) != len(route) - 1 or len(stands) < FIRST:
+        judged = self.over or self.plain or bool(self.named)
+        if judged or len(stands) != len(route) - 1 or len(stands) < FIRST:
             return False
         if after is not None and after.losses == stands[-1].losses:
             steps = Evidence([stands[-1], after]).steps_mm()
@@ -187,10 +191,17 @@ class CauseFinder:
             return [found]
         if self.found is not None or (self.named and self.over and not self.plain):
             return []
-        if self.over or found.code not in HELD:
+        if self.over or self._passes_on or (found.code not in HELD and not self.named):
             return [found]
         self.held.append(found)
         return []
+
+    @property
+    def _passes_on(self) -> bool:
+        """Return whether findings are raised although the pass is still judged: the file has
+        fitted, and no earlier pass named a line.
+        """
+        return self.plain and not self.named
 
     def released(self) -> list[Finding]:
         """Return the withheld findings, because no cause explains them. After a line is named, only

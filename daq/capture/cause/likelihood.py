@@ -292,6 +292,13 @@ class Evidence:
                 return begin
         return None
 
+    def covers(self, route: Route) -> bool:
+        """Return whether so many standstills have a step of every axis of a route: until then a
+        wrong length of an axis shows only in how it turns the diagonal.
+        """
+        axes = [route.axis_to(stop) for stop in range(1, len(route))]
+        return set(axes[: len(self) - 1]) == set(axes)
+
     def agreeing(self, cause: Cause) -> int:
         """Return the number of the laser's steps that agree with a hypothesis."""
         wanted = cause.steps_mm(len(self.stands))

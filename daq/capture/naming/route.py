@@ -28,12 +28,18 @@ adds up to 0.1 mm over twenty increments, 0.2 mm over forty."""
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
     """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at
-    each, relative to the first, shape (k,)."""
+    each, relative to the first, shape (k,).
+
+    ``along`` is the direction in which the reading increases, a unit vector. A position within
+    ``beside_mm`` of a stop is at the stop: `MOST_BESIDE_MM`, less where steps are short.
+    """
 
     setup: str
     outward: bool
     stops_mm: NDArray[np.float64]
     nominal_mm: NDArray[np.float64]
+    along: NDArray[np.float64]
+    beside_mm: float
 
     def __len__(self) -> int:
         return len(self.nominal_mm)
@@ -56,9 +62,7 @@ class Route:
 
     def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
         """Return the nominal reading at any position, relative to the first planned stop."""
-        travel = self.stops_mm[-1] - self.stops_mm[0]
-        along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm.sum())
-        return float((np.asarray(position_mm) - self.stops_mm[0]) @ along)
+        return float((np.asarray(position_mm) - self.stops_mm[0]) @ self.along)
 
     def step_mm(self, from_stop: int, to_stop: int) -> float:
         """Return the nominal change of the reading between two stops."""
@@ -78,14 +82,8 @@ class Route:
     def beside(self, position_mm: tuple[float, float, float]) -> NDArray[np.bool_]:
         """Return at which stops a position is, shape (k,)."""
         off = np.max(np.abs(self.stops_mm - np.asarray(position_mm)), axis=1)
-        there: NDArray[np.bool_] = off <= self._beside_mm()
+        there: NDArray[np.bool_] = off <= self.beside_mm
         return there
-
-    def _beside_mm(self) -> float:
-        """Return how far beside the plan a stop may be: by `MOST_BESIDE_MM`, less where steps are
-        short."""
-        steps_mm = np.max(np.abs(np.diff(self.stops_mm, axis=0)), axis=1)
-        return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), PLACED_MM, MOST_BESIDE_MM))
 
 
 @lru_cache(maxsize=256)
@@ -99,9 +97,19 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
     stops = run_stops_mm(plan, run, number)
     travel = np.array(run.travel.signs) * np.array(plan.volume.size_mm)
     nominal = (stops - stops[0]) @ (travel / np.linalg.norm(travel))
-    for column in (stops, nominal):
+    way = stops[-1] - stops[0]
+    along = way / np.linalg.norm(way) * np.sign(nominal.sum())
+    for column in (stops, nominal, along):
         column.setflags(write=False)
-    return Route(setup=setup, outward=number % 2 == 1, stops_mm=stops, nominal_mm=nominal)
+    least_mm = np.min(np.max(np.abs(np.diff(stops, axis=0)), axis=1), initial=np.inf)
+    return Route(
+        setup=setup,
+        outward=number % 2 == 1,
+        stops_mm=stops,
+        nominal_mm=nominal,
+        along=along,
+        beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, MOST_BESIDE_MM)),
+    )
 
 
 def agrees(measured_mm: float, nominal_mm: float) -> bool:

@@ -234,13 +234,15 @@ def against_itself(
     ``position_mm`` (n,) are its samples in order of time, including the outliers; ``resolution_um``
     is the smallest step of the instrument until now.
     """
-    count, same = len(position_mm), _longest_run(position_mm)
-    if resolution_um <= RESTLESS_UM and same >= max(FROZEN_SAMPLES, MAJORITY * count):
-        return [message("laser-frozen", same=same, count=count)]
+    count = len(position_mm)
+    if resolution_um <= RESTLESS_UM:
+        same = _longest_run(position_mm)
+        if same >= max(FROZEN_SAMPLES, MAJORITY * count):
+            return [message("laser-frozen", same=same, count=count)]
     if step_um := step_in_um(position_mm):
         return [message("window-step", step_um=step_um)]
-    wrong = window.rejected - _leaving(position_mm)
-    if wrong > LEAST_SAMPLES + WRONG_SHARE * count:
+    wrong, accidents = window.rejected, LEAST_SAMPLES + WRONG_SHARE * count
+    if wrong > accidents and (wrong := wrong - _leaving(position_mm)) > accidents:
         return [message("window-step.strays", wrong=wrong, count=count)]
     return []
 
@@ -274,13 +276,15 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
     blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
     at = _best_split(blocks)
     before, after = float(np.median(blocks[:at])), float(np.median(blocks[at:]))
+    step = after - before
+    if abs(step) <= LEAST_STEP_UM:
+        return 0.0, 0.0
     rest = blocks - np.where(np.arange(count) < at, before, after)
     sharp = float(np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at]))
-    step, noise_um = after - before, max(float(np.std(rest)), RESOLUTION_FLOOR_UM)
-    seen = abs(step) > max(LEAST_STEP_UM, SIGMAS * float(np.std(rest)))
+    noise_um = float(np.std(rest))
     two_levels = float(rest @ rest) < UNLIKE_A_DRIFT * _squares_of_a_line(blocks)
-    found = seen and two_levels and abs(sharp) > SHARP * abs(step)
-    return (step, abs(step) / noise_um) if found else (0.0, 0.0)
+    found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > SHARP * abs(step)
+    return (step, abs(step) / max(noise_um, RESOLUTION_FLOOR_UM)) if found else (0.0, 0.0)
 
 
 def _best_split(blocks: NDArray[np.float64]) -> int:

@@ -8,7 +8,7 @@ import pytest
 
 from testkit.cli import stepdiag
 from testkit.exact.driven import Fault
-from testkit.exact.shops import CAUSES, corrected, draw, survey_of, surveyed
+from testkit.exact.shops import CAUSES, Shop, corrected, draw, survey_of, surveyed
 from testkit.examples import exploring, spread
 
 KINDS = list(CAUSES)
@@ -106,6 +106,32 @@ def test_a_harmless_statement_has_no_cause(cause, machine, tmp_path):
         each for each in found.findings if each.severity != "info" and each.code != "signals-absent"
     ]
     assert found.passes == found.wanted
+
+
+@pytest.mark.parametrize("machine", ["stopped", "none"])
+def test_a_box_that_shows_in_its_third_axis_alone_is_named(machine, tmp_path):
+    """The diagonal turns so little that the steps of X and Y fit the file."""
+    shop = Shop(
+        3,
+        machine,
+        "other box",
+        size=(540.0, 220.0, 250.0),
+        driven_size=(540.0, 220.0, 270.0),
+        line="volume.size_mm",
+    )
+    found = surveyed(shop, tmp_path, files=False)
+    named = [
+        (after, each.message.arguments)
+        for after, each in zip(found.after, found.findings, strict=True)
+        if each.severity == "error"
+    ]
+    assert [str(each["line"]) for _, each in named] == [shop.line]
+    assert float(str(named[0][1]["value"]).strip("[]").split(", ")[2]) == pytest.approx(
+        270.0, abs=0.1
+    )
+    assert named[0][0] <= 5
+    later = {each.code for each in found.findings if each.setup not in ("", "ppp")}
+    assert later <= {"no-signals", "signals-absent"}, "what the line explains is not raised again"
 
 
 def test_two_orders_of_axes_that_make_the_same_steps_are_named_together(tmp_path):

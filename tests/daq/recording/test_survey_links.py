@@ -8,6 +8,7 @@ from stepdiag.daq.recording import survey_links
 from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty, wait_until
 
@@ -72,3 +73,24 @@ def test_a_loss_is_told_after_the_bytes_that_came_before_it(pty, monkeypatch):
     place = next(number for number, event in enumerate(events) if lost(event))
     before = b"".join(event.data for event in events[:place] if isinstance(event, Chunk))
     assert before == b"".join(said)
+
+
+def test_while_a_machine_waits_a_chunk_is_collected_as_it_arrives(monkeypatch):
+    """A look at the links between the request and the chunk does not make the chunk wait: the
+    machine would wait for the next poll."""
+    monkeypatch.setattr(survey_links, "WAKE_NS", 10**12)
+    events = []
+
+    async def run():
+        links = SurveyLinks(
+            parse_survey(SURVEY.format(laser="none", plc=1), "survey.toml"), events.append
+        )
+        arrived = links._receiver("laser")
+        for number, asked in enumerate((links.collect, links.hurry)):
+            asked()
+            links.collect()
+            await asyncio.to_thread(arrived, b"%d" % number, now_ns())
+            await asyncio.sleep(0)
+            assert len(events) == 2 * number
+
+    asyncio.run(run())

@@ -12,6 +12,7 @@ from stepdiag.daq.capture.captured_stop import Remark
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.recording.sinks import Nowhere
+from stepdiag.daq.timing.strip import Strip
 from stepdiag.solver.methods.solve import solve
 from stepdiag.virtual.drive.setups import aligned_setup
 from stepdiag.virtual.physics.error_functions import Table
@@ -116,6 +117,19 @@ def test_who_goes_beyond_the_stop_and_comes_back_says_nothing(tmp_path):
     session, codes = measured(tmp_path, setups=("ppp",))
     assert session.book.complete()
     assert codes == set()
+
+
+def test_the_end_of_a_pass_leaves_its_readings_to_whoever_looks(tmp_path, monkeypatch):
+    """While the answer to its last stop waits nothing is worked out for display; the page has the
+    readings of the pass afterwards."""
+    followed, original = [], Strip.follow
+    monkeypatch.setattr(
+        Strip, "follow", lambda strip, stream: followed.append(1) or original(strip, stream)
+    )
+    session, _ = measured(tmp_path, setups=("ppp",))
+    assert not session.recording
+    assert not followed
+    assert len(session.strip.bins) > 10
 
 
 @pytest.mark.parametrize(

@@ -49,3 +49,31 @@ def test_no_light_is_a_gap() -> None:
     strip = Strip()
     strip.add(batch([np.nan, np.nan], BIN_NS))
     assert np.isnan(strip.bins[-1][1])
+
+
+class Followed:
+    """A stream of which the batches are known."""
+
+    def __init__(self, batches: list[Samples]) -> None:
+        self.batches = batches
+
+    def since(self, arrival_ns: int) -> list[Samples]:
+        """Return the batches that arrived after a time."""
+        return [each for each in self.batches if each.arrival_ns[-1] > arrival_ns]
+
+
+def test_a_stream_that_nobody_watched_costs_no_more_than_the_bins(monkeypatch) -> None:
+    """A pass without a viewer has hundreds of batches, of which the last second and a half is
+    kept."""
+    rng = np.random.default_rng(1)
+    batches = [batch(rng.normal(size=20).tolist(), number * BIN_NS + 7) for number in range(1, 999)]
+    watched, unwatched, added = Strip(), Strip(), []
+    for each in batches:
+        watched.follow(Followed([each]))
+    original = Strip.add
+    monkeypatch.setattr(
+        Strip, "add", lambda strip, each: added.append(each) or original(strip, each)
+    )
+    unwatched.follow(Followed(batches))
+    assert len(added) <= KEEP_BINS + 1
+    assert list(unwatched.bins) == list(watched.bins)
