@@ -13,15 +13,14 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import rms
-from stepdiag.exporters.safety.standing import Standing, unchanged
+from stepdiag.exporters.safety.standing import Standing, acts_with, unchanged
 from stepdiag.exporters.safety.verdicts.case import (
     COVERED,
     TableCase,
-    cases_shifted,
     centred,
     typical_u,
 )
-from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Cause, Explained, Fit, explain
+from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Explained, Fit, explain
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted, is_known
 from stepdiag.exporters.tables.controller import Controller, Multiplying
@@ -45,7 +44,7 @@ def judge(
 
     def case_of(table: Table) -> TableCase:
         together, then = (
-            [each for each in some if _acts_with(each, table)] for some in (after, before)
+            [each for each in some if acts_with(each, table)] for some in (after, before)
         )
         return TableCase(table=table, together=together, before=then, volume=result.volume)
 
@@ -82,23 +81,18 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
     ]
     if not own:
         return _says(case, "unidentified", message("result-does-not-identify"))
-    axis = AXES.index(case.table.input_axis.lower())
-    low, high = case.volume.origin_mm[axis], case.volume.origin_mm[axis] + case.volume.size_mm[axis]
+    low, high = case.travel_mm(case.table.input_axis)[[0, -1]]
     mirrored = f"E{name[2]}{name[1]}"
     names = (mirrored, *(each for each in FUNCTIONS if each not in (name, mirrored)))
     found = explain(
         _fits(case, own),
         _fits(case, own, turn_um_mm=turn_um_mm) if turn_um_mm else (),
         ((other, fit) for other in names if other != name for fit in _fits(case, wanted.of(other))),
-        (
-            (shift, fit)
-            for shift in cases_shifted(case, low, high)
-            for fit in _fits(case, own, shift)
-        ),
+        ((shift, fit) for shift in case.shifts_mm(low, high) for fit in _fits(case, own, shift)),
     )
     first, last = case.table.position_mm[[0, -1]]
     if (
-        found.cause in ("scaled", "unlike")
+        found.code in ("scaled", "unlike")
         and not case.is_slope
         and min(last, high) - max(first, low) < COVERED * (high - low)
     ):
@@ -109,27 +103,25 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
                 "to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high
             ),
         )
-    if found.cause == "other" and found.fit is not None:
+    if found.code == "axes-swapped" and found.fit is not None:
         turned = found.fit.left(-1.0) < found.fit.left()
         words = (
             message("this-table-with-opposite", name=found.other)
             if turned
             else message("this-table", name=found.other)
         )
-        return _says(
-            case, "input-output-swapped" if found.other == mirrored else "axes-swapped", words
-        )
-    if found.cause == "beside":
+        return _says(case, "input-output-swapped" if found.other == mirrored else found.code, words)
+    if found.code == "beside-volume":
         return _says(
             case,
-            "beside-volume",
+            found.code,
             message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last),
         )
-    if found.cause == "spike" and found.fit is not None:
+    if found.code == "unlike" and found.fit is not None:
         where = f"{case.table.input_axis} {case.place_mm(own[0], found.fit):g} mm"
         return _says(
             case,
-            "unlike",
+            found.code,
             message("um-off-at-where", largest_um=found.fit.largest_um, where=where),
             found.fit,
         )
@@ -150,34 +142,24 @@ def _of_product(case: TableCase, result: Result) -> Judgement:
     return _plainly(case, explain([fit]))
 
 
-_CODES: Mapping[Cause, Code] = {
-    "right": "right",
-    "missing": "missing",
-    "sign-turned": "sign-turned",
-    "scaled": "scaled",
-}
-
-
 def _plainly(case: TableCase, found: Explained) -> Judgement:
-    """Return the judgement of a cause shown by a single regression."""
-    code, fit = _CODES.get(found.cause, "unlike"), found.fit
-    if fit is None or code == "unlike":
-        return _says(case, "unlike", message("nothing-like-what-result"))
-    words = {
-        "right": message("what-result-asks-for"),
-        "missing": message("no-correction-where-result", names_um=fit.size_um),
-        "sign-turned": message("right-shape-with-opposite"),
-    }.get(code)
-    if words is None:
-        factor = abs(fit.factor)
-        words = (
-            message("right-shape-times-as", factor=factor)
-            if fit.factor < 0
-            else message("right-shape-other-size", factor=factor)
-        )
+    """Return the judgement of a verdict shown by a single regression on the table's own request."""
+    code, fit = found.code, found.fit
+    if fit is None:
+        return _says(case, code, message("nothing-like-what-result"))
     if code == "right":
-        return _says(case, code, words, fit)
-    return _says(case, code, words, factor={"sign-turned": -1.0, "scaled": fit.factor}.get(code))
+        return _says(case, code, message("what-result-asks-for"), fit)
+    if code == "missing":
+        return _says(case, code, message("no-correction-where-result", names_um=fit.size_um))
+    if code == "sign-turned":
+        return _says(case, code, message("right-shape-with-opposite"), factor=-1.0)
+    factor = abs(fit.factor)
+    words = (
+        message("right-shape-times-as", factor=factor)
+        if fit.factor < 0
+        else message("right-shape-other-size", factor=factor)
+    )
+    return _says(case, code, words, factor=fit.factor)
 
 
 def _says(
@@ -215,21 +197,6 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
     }
     pairs = [(name, f"E{name[2]}{name[1]}") for name in left if name[1] != name[2]]
     return {one: (left[one] - left[other]) / 2.0 for one, other in pairs if other in left}
-
-
-def _acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` is judged together with ``other``: the same function, and for a curve
-    the products that move along its axis.
-
-    Products of a function and lever count together, in any place: a new product may do the work of
-    an old product under other numbers.
-    """
-    if one.multiplier is None or other.multiplier is not None:
-        return one.name == other.name
-    return one.output_axis == other.output_axis and other.input_axis in (
-        one.input_axis,
-        one.multiplier.axis,
-    )
 
 
 def _measuring_system(table: Table, profile: Profile) -> Judgement | None:

@@ -8,6 +8,7 @@ best tables for the lattice (`tables.fit`), so the verdicts are those of tables.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import permutations, product
 
 import numpy as np
 
@@ -133,20 +134,15 @@ def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     """Yield the part that grows with a lever, for every output, axis and lever where it exceeds
     rounding.
     """
-    points = grid_points_mm(volume, NODES)
-    moved = moved_um(points)
-    for output in range(3):
-        values = moved[:, output].reshape(NODES, NODES, NODES)
-        for moving in range(3):
-            for by in {0, 1, 2} - {moving}:
-                grown = growing_um(values, moving, by)
-                ends, low = np.array([0.0, volume.size_mm[by]]), volume.origin_mm[by]
-                at = volume.origin_mm[moving] + np.linspace(0.0, volume.size_mm[moving], NODES)
-                if rms(grown) > SURE_UM / 2:
-                    multiplier = Multiplier(
-                        axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0])
-                    )
-                    yield _lattice_table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
+    nodes = _nodes_mm(volume)
+    moved = moved_um(grid_points_mm(volume, NODES)).reshape(NODES, NODES, NODES, 3)
+    for output, (moving, by) in product(range(3), permutations(range(3), 2)):
+        grown = growing_um(moved[..., output], moving, by)
+        if rms(grown) > SURE_UM / 2:
+            lever = Multiplier(
+                axis="XYZ"[by], position_mm=nodes[by][[0, -1]], value=np.array([-1.0, 1.0])
+            )
+            yield _lattice_table(f"E{'XYZ'[output]}{'XYZ'[moving]}", nodes[moving], grown, lever)
 
 
 def _lattice_table(

@@ -20,11 +20,12 @@ the largest plausible scatter at a single place by these two and a tolerated siz
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag.base.volume import Vector, rms
+from stepdiag.exporters.safety.verdicts.verdict import Code
 
 SAME = 0.4
 """Largest residue of an error, as a share, with a right table: the change that another survey of an
@@ -48,8 +49,6 @@ largest value of a normal scatter.
 """
 SURE_UM = 0.2
 """Movements below this value cannot be separated from rounding and noise."""
-
-Cause = Literal["right", "missing", "sign-turned", "other", "beside", "scaled", "spike", "unlike"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,9 +143,12 @@ def regress(
 
 
 class Explained(NamedTuple):
-    """Explanation of a movement: the cause, its regression, and the other function or place."""
+    """Explanation of a movement: the verdict, its regression, and the other function or place.
 
-    cause: Cause
+    A table that is "unlike" at one place only has a regression, a table of another machine none.
+    """
+
+    code: Code
     fit: Fit | None = None
     other: str = ""
     shift_mm: float = 0.0
@@ -177,13 +179,13 @@ def explain(
     near = [fit for fit in every if fit.is_alike or fit.left() <= SAME]
     if near:
         fit = min(near, key=lambda fit: fit.rest_um)
-        return Explained("spike" if fit.is_alike else "scaled", fit)
+        return Explained("unlike" if fit.is_alike else "scaled", fit)
     unscaled = min((fit.left_scaled for fit in own), default=1.0)
     for name, fit in others:
         if fit.size_um >= 2.0 * fit.sure_um and min(fit.left(), fit.left(-1.0)) <= min(
             OTHER, max(EXACT, unscaled)
         ):
-            return Explained("other", fit, other=name)
+            return Explained("axes-swapped", fit, other=name)
     elsewhere = [
         (shift, fit)
         for shift, fit in shifted
@@ -191,7 +193,7 @@ def explain(
     ]
     if elsewhere:
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
-        return Explained("beside", fit, shift_mm=shift)
+        return Explained("beside-volume", fit, shift_mm=shift)
     sized = [fit for fit in own if abs(fit.alike) >= ALIKE and fit.is_large]
     # the likeness of two slopes differs by rounding alone, so among equals the one with the
     # smallest residual of the table wins
@@ -199,7 +201,7 @@ def explain(
         return Explained(
             "scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left()))
         )
-    return Explained("unlike", min(own, key=lambda fit: fit.rest_um, default=None))
+    return Explained("unlike")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
