@@ -82,10 +82,8 @@ def identifies(result: Result, table: Table) -> bool:
     """
     if table.multiplier is not None:
         turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
-        angles = [result.errors.get(f"E{'ABC'[turn]}{table.input_axis}") for turn in turns]
-        return len(angles) == 1 and all(
-            angle is not None and angle.value is not None for angle in angles
-        )
+        angles = [f"E{'ABC'[turn]}{table.input_axis}" for turn in turns]
+        return len(angles) == 1 and result.knows(angles[0])
     fold = FOLD_OTHER if table.name in FOLD_OTHER.values() else FOLD_DEFAULT
     return is_known(result, table.name, fold) and (
         table.name not in POSITIONING or result.errors[table.name].slope_identified
@@ -133,11 +131,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
         if table.name not in asked and unseen:
             yield error("old-table-lost", label=table.label)
     for table in standing.new:
-        old = [
-            each
-            for each in standing.before
-            if each.name == table.name and each.multiplier is None and each.value_um.any()
-        ]
+        old = [each for each in standing.before if each.name == table.name and each.value_um.any()]
         if old and table.multiplier is None and table.value_um.any():
             yield from () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
             if off and not identifies(result, table):

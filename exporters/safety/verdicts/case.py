@@ -89,12 +89,13 @@ class TableCase:
         at = _common_mm(curve, own)[fit.largest_index]
         return float(own[np.argmin(np.abs(own - at))])
 
-    def shifts_mm(self, low_mm: float, high_mm: float) -> list[float]:
+    def shifts_mm(self) -> list[float]:
         """Return the shifts that bring one of the table's first points to the low end of the
         travel, or one of the last to the high end.
         """
+        low, high = self.travel_mm(self.table.input_axis)[[0, -1]]
         own = self.table.position_mm[: 0 if self.table.law.ends == "extended" else None]
-        shifts = np.concatenate([low_mm - own[:_SHIFTED], high_mm - own[-_SHIFTED:]])
+        shifts = np.concatenate([low - own[:_SHIFTED], high - own[-_SHIFTED:]])
         return [float(shift) for shift in shifts if abs(shift) > ROUNDING_MM]
 
     def slope_left_um_mm(self, curve: Curve) -> float:
@@ -103,10 +104,14 @@ class TableCase:
         left = self._sum_um(self.together, at) - self._sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
 
-    def fit_product(self, result: Result, moving: int, by: int) -> Fit:
-        """Return the regression of the part that grows with the lever along ``by`` on the same part
-        of the result's field.
+    def fit_product(self, result: Result) -> Fit | None:
+        """Return the regression of the part that grows with the lever of a product on the same part
+        of the result's field; None for a lever along the table's own axis.
         """
+        lever = self.table.multiplier
+        if lever is None or lever.axis == self.table.input_axis:
+            return None
+        moving, by = (AXES.index(each.lower()) for each in (self.table.input_axis, lever.axis))
         points = grid_points_mm(self.volume, NODES)
         axis = AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
@@ -153,10 +158,7 @@ class TableCase:
 
     def travel_mm(self, letter: str) -> Vector:
         """Return points from end to end of the measured travel of an axis X, Y or Z."""
-        axis = AXES.index(letter.lower())
-        return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(
-            0.0, 1.0, POINTS
-        )
+        return self.volume.even_mm(AXES.index(letter.lower()), POINTS)
 
 
 def _common_mm(curve: Curve, own_mm: Vector) -> Vector:

@@ -1,12 +1,11 @@
-"""A lattice judged function by function: its addition is separated into curves and products, and
-each is judged like a table.
+"""A lattice judged function by function: its addition is separated into curves, the means over the
+other two axes, and products, the parts that grow with a lever.
 
-The curves are the means over the other two axes, the slope of each pair in the function with the
-squareness by the contract; the part that grows with a lever is a product. Together they are the
-best tables for the lattice (`tables.fit`), so the verdicts are those of tables.
+Together they are the best tables for the lattice (`tables.fit`), so the verdicts are those of
+tables.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations, product
 
@@ -36,7 +35,7 @@ Axes = tuple[Vector, Vector, Vector]
 
 def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judgement, ...]:
     """Return a judgement for every function and product of the addition of a lattice with these
-    ``axes_mm`` to the active tables.
+    ``axes_mm``.
 
     Unmeasured angles count with their expected values, as they do in a lattice.
     """
@@ -44,7 +43,7 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
     # no profile enters a judgement of a lattice: the neutral control stands in
     stand_in = quick_profile(controller_named("neutral"), result.volume)
     known = replace(result, errors={**result.errors, **result.expected})
-    tables = (*_folded([*parts[: len(FUNCTIONS)]]), *parts[len(FUNCTIONS) :])
+    tables = (*_folded(parts[: len(FUNCTIONS)]).values(), *parts[len(FUNCTIONS) :])
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
 
 
@@ -67,15 +66,14 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
     x, y, z = _nodes_mm(result.volume)
     old = [_curve(name, moved_um, (x, y, z), result.volume) for name in FUNCTIONS]
     for table in old:
-        function, held_um = result.errors.get(table.name), float(np.ptp(table.value_um))
-        if held_um > NOTHING_UM and (function is None or function.value is None):
+        held_um, known = float(np.ptp(table.value_um)), result.knows(table.name)
+        if held_um > NOTHING_UM and not known:
             yield error("old-table-lost.lattice", name=table.name, um=held_um)
-        elif table.name in POSITIONING and function and not function.slope_identified:
+        elif known and table.name in POSITIONING and not result.errors[table.name].slope_identified:
             yield from _slope_lost(table.name, _rise_um(table))
-    folded = {table.name: table for table in _folded(old)}
+    folded = _folded(old)
     for name, target in FOLD_DEFAULT.items():
-        squareness = result.squareness.get(name)
-        if squareness is None or squareness.value is None:
+        if not result.knows(name):
             sign, held = SQUARENESS_SLOPE[name][target], folded[target]
             slope_um_mm = sign * _rise_um(held) / float(np.ptp(held.position_mm))
             yield from _slope_lost(name, slope_um_mm * max(result.volume.size_mm))
@@ -83,10 +81,7 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
 
 def _nodes_mm(volume: Volume) -> list[Vector]:
     """Return the positions along each axis at which a field is separated."""
-    return [
-        np.linspace(low, low + size, NODES)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
+    return [volume.even_mm(axis, NODES) for axis in range(3)]
 
 
 def _rise_um(table: Table) -> float:
@@ -114,9 +109,9 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     return _lattice_table(name, along[moving], mean - mean[0])
 
 
-def _folded(tables: list[Table]) -> list[Table]:
-    """Return the curves with the slope of each pair in the function that holds the squareness: the
-    rest is a turn of the workpiece.
+def _folded(tables: Sequence[Table]) -> dict[str, Table]:
+    """Return the curves by their names, with the slope of each pair in the function that holds the
+    squareness: the rest is a turn of the workpiece.
     """
     found = {table.name: table for table in tables}
     for squareness, target in FOLD_DEFAULT.items():
@@ -127,7 +122,7 @@ def _folded(tables: list[Table]) -> list[Table]:
             found[name] = _lattice_table(
                 name, at, found[name].value_um + sign * slope * (at - at[0])
             )
-    return list(found.values())
+    return found
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
