@@ -21,10 +21,11 @@ from stepdiag.base.volume import ROUNDING_MM, Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.safety.sign_evidence import subject
 from stepdiag.exporters.safety.standing import acts_with
+from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
+from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
 
 SIGN_TEST_DAYS = 365
 """A sign test is evidence for twelve months."""
@@ -366,7 +367,7 @@ def _net_um(case: Case, table: Table) -> Vector:
     axis, whose levers count from the zero of the axes.
 
     Far from this zero, such a column and its angle are large and nearly cancel each other; the axis
-    moves by the difference, here in the middle of the volume and relative to the reference.
+    moves by the difference, here the mean over the volume, relative to the reference.
     """
     turns = [
         each
@@ -377,12 +378,8 @@ def _net_um(case: Case, table: Table) -> Vector:
     ]
     if table.multiplier is not None or not turns:
         return table.absolute_um
-    volume, axis = case.result.volume, AXES.index(table.input_axis.lower())
-    at = np.concatenate([table.position_mm, [table.reference_mm]])
-    points = np.tile(np.asarray(volume.origin_mm) + np.asarray(volume.size_mm) / 2.0, (len(at), 1))
-    points[:, axis] = at
-    moved = mean_correction_um(
-        [*turns, *(each for each in case.tables if each.name == table.name)], points
-    )
-    moved = moved[:, AXES.index(table.output_axis.lower())]
+    together = [*turns, *(each for each in case.tables if each.name == table.name)]
+    moving = TableCase(table=table, together=together, before=(), volume=case.result.volume)
+    at = np.append(table.position_mm, table.reference_mm)
+    moved = moving.sum_um(together, at)
     return np.asarray(moved[:-1] - moved[-1])

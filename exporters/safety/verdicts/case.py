@@ -63,10 +63,10 @@ class TableCase:
         at = _common_mm(curve, own)
         if at[-1] - at[0] < COVERED * np.ptp(curve.position_mm):
             return None
-        before, error = self._sum_um(self.before, at - shift_mm), curve.at(at)
-        held = np.interp(at, own, self._sum_um(self.before, own - shift_mm) - curve.at(own))
+        before, error = self.sum_um(self.before, at - shift_mm), curve.at(at)
+        held = np.interp(at, own, self.sum_um(self.before, own - shift_mm) - curve.at(own))
         asked = centred(held - before)
-        moved = centred(self._sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
+        moved = centred(self.sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
         # the survey's uncertainty excuses little: the table is judged by this result's request, not
         # by the machine
@@ -101,7 +101,7 @@ class TableCase:
     def slope_left_um_mm(self, curve: Curve) -> float:
         """Return the slope in um/mm of the residual of a curve."""
         at = _common_mm(curve, curve.position_mm)
-        left = self._sum_um(self.together, at) - self._sum_um(self.before, at) + curve.at(at)
+        left = self.sum_um(self.together, at) - self.sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
 
     def fit_product(self, result: Result) -> Fit | None:
@@ -129,7 +129,7 @@ class TableCase:
         steps = sum(steps_um(curves, curve.position_mm, way) / 2.0 for way in (1, -1))
         return replace(curve, forward_um=curve.mean_um - steps, reverse_um=None)
 
-    def _sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
+    def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
         """Return the movement by tables at positions, mean of both directions, steps joined by
         straight lines, in um.
 

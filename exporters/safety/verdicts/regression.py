@@ -35,9 +35,9 @@ SIZED = 0.15
 """Largest share by which a table may differ in size from the right table: rounding stays below it
 in every export.
 """
-ALIKE = 0.9
-"""Correlation from which a table counts as the right table in another size: the residue `SAME` of a
-table of the right size.
+SHAPED = 0.436
+"""Largest share of a movement outside the request's shape that counts as the right table in another
+size: a correlation of 0.9, about the residue `SAME` of a table of the right size.
 """
 OTHER, EXACT = 0.35, 0.1
 """Largest residue at which another function is named; and the residue of a clear case of another
@@ -72,11 +72,6 @@ class Fit:
         """Return the size of the movement."""
         return float(np.hypot(self.factor * self.asked_um, self.rest_um))
 
-    @property
-    def alike(self) -> float:
-        """Return the correlation of the movement and the request."""
-        return self.factor * self.asked_um / self.moved_um if self.moved_um > 0.0 else 0.0
-
     def left(self, factor: float = 1.0) -> float:
         """Return the share of the error that would remain if the request times ``factor`` were
         exact.
@@ -87,7 +82,7 @@ class Fit:
     @property
     def left_scaled(self) -> float:
         """Return the share of the movement that no size explains."""
-        return float(np.sqrt(max(0.0, 1.0 - self.alike**2)))
+        return self.rest_um / self.moved_um if self.moved_um > 0.0 else 1.0
 
     @property
     def is_large(self) -> bool:
@@ -194,13 +189,12 @@ def explain(
     if elsewhere:
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
         return Explained("beside-volume", fit, shift_mm=shift)
-    sized = [fit for fit in own if abs(fit.alike) >= ALIKE and fit.is_large]
-    # the likeness of two slopes differs by rounding alone, so among equals the one with the
-    # smallest residual of the table wins
+    sized = [fit for fit in own if fit.left_scaled <= SHAPED and fit.is_large]
+    # the shapes of two slopes differ by rounding alone, so among equals the one with the smallest
+    # residual of the table wins
     if sized:
-        return Explained(
-            "scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left()))
-        )
+        best = min(sized, key=lambda fit: (round(fit.left_scaled, 3), fit.left()))
+        return Explained("scaled", best)
     return Explained("unlike")
 
 

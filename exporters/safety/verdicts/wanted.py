@@ -5,8 +5,6 @@ per pair.
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.curves import (
     FOLD_DEFAULT,
@@ -26,7 +24,7 @@ class Wanted:
         for fold in (FOLD_DEFAULT, FOLD_OTHER):
             known = [name for name in FUNCTIONS if is_known(result, name, fold)]
             for curve in fitted(result, known, fold).curves:
-                self._curves[curve.name].append(_with_slope_u(curve, result))
+                self._curves[curve.name].append(curve)
 
     def of(self, name: str) -> list[Curve]:
         return self._curves.get(name, [])
@@ -45,17 +43,6 @@ class Wanted:
             replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None)
             for curve in self.of(name)
         ]
-
-
-def _with_slope_u(curve: Curve, result: Result) -> Curve:
-    """Return a curve whose uncertainty includes that of the squareness in its slope, about the
-    middle of its travel.
-    """
-    squares = [
-        result.squareness[part].u or 0.0 for part in curve.parts if part in result.squareness
-    ]
-    lever_mm = curve.position_mm - np.mean(curve.position_mm[[0, -1]])
-    return replace(curve, u_um=np.hypot(curve.u_um, sum(squares) * lever_mm / 1000.0))
 
 
 def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
