@@ -173,18 +173,12 @@ def growing_um(values: Vector, moving: int, by: int) -> Vector:
     """Return, at the nodes of the axis ``moving``, the part of values on a grid that grows with the
     lever along ``by``, for the end of the lever.
 
-    The curves of single axes, means along each axis, are subtracted first.
+    The curves of single axes drop out: the mean of the lever is zero, and so is that of the part.
     """
     (other,) = {0, 1, 2} - {moving, by}
-    left = values - np.mean(values)
-    for axes in ((1, 2), (0, 2), (0, 1)):
-        left = left - np.mean(left, axis=axes, keepdims=True)
     lever = np.linspace(-1.0, 1.0, NODES)
-    return np.asarray(
-        np.mean(np.moveaxis(left, (moving, by, other), (0, 1, 2)), axis=2)
-        @ lever
-        / np.sum(lever**2)
-    )
+    plane = np.mean(np.moveaxis(values, (moving, by, other), (0, 1, 2)), axis=2)
+    return centred(plane @ lever) / np.sum(lever**2)
 
 
 def centred(values: Vector) -> Vector:

@@ -102,9 +102,6 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
 
 
 def _of_product(case: TableCase, result: Result) -> Judgement:
-    """Return the judgement of a product table: compared with the part of the field that grows with
-    the same lever.
-    """
     fit = case.fit_product(result)
     if fit is None:
         return _says(case, "right", message("lever-along-axis-itself"))
@@ -207,15 +204,17 @@ def judge_missing(
         return
     held = {table.name for table in new}
     folds = (FOLD_DEFAULT, FOLD_OTHER) if profile.assumed else (profile.machine.squareness_into,)
-    lacking = [
+    lacking = (
         [curve for curve in _asked(result, controller, profile, fold) if curve.name not in held]
         for fold in folds
-    ]
+    )
     for curve in min(lacking, key=len):
         name, size_um = curve.name, rms(centred(curve.mean_um))
-        words = message("no-table-though-asked", name=name, size_um=size_um)
-        if profile.assumed:
-            words = message("no-table-for-it", name=name, size_um=size_um)
+        words = (
+            message("no-table-for-it", name=name, size_um=size_um)
+            if profile.assumed
+            else message("no-table-though-asked", name=name, size_um=size_um)
+        )
         yield Judgement(function=name, table=None, code="missing", words=words)
 
 
@@ -232,10 +231,8 @@ def _asked(
             plan = controller.plan_products(fit.curves, fit.products, profile)
         else:
             plan = controller.plan(fit.curves, profile)
-    except (
-        SafetyError,
-        UsageError,
-    ):  # a profile whose tables cannot be made does not show the contents of the control
+    except (SafetyError, UsageError):
+        # a profile whose tables cannot be made does not show the contents of the control
         return
     planned = {table.name: table for table in plan.tables}
     for curve in fit.curves:

@@ -13,16 +13,16 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.names import AXES
-from stepdiag.base.result.result import POSITIONING, Result
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.standing import NOTHING_UM, Standing
+from stepdiag.exporters.safety.standing import NOTHING_UM, Standing, identifies
 from stepdiag.exporters.safety.verdicts.case import NODES, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS, SQUARENESS_SLOPE
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
@@ -65,18 +65,12 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
     """
     x, y, z = _nodes_mm(result.volume)
     old = [_curve(name, moved_um, (x, y, z), result.volume) for name in FUNCTIONS]
-    for table in old:
-        held_um, known = float(np.ptp(table.value_um)), result.knows(table.name)
-        if held_um > NOTHING_UM and not known:
+    for table, folded in zip(old, _folded(old).values(), strict=True):
+        held_um, rise_um = float(np.ptp(table.value_um)), _rise_um(folded)
+        if held_um > NOTHING_UM and not result.knows(table.name):
             yield error("old-table-lost.lattice", name=table.name, um=held_um)
-        elif known and table.name in POSITIONING and not result.errors[table.name].slope_identified:
-            yield from _slope_lost(table.name, _rise_um(table))
-    folded = _folded(old)
-    for name, target in FOLD_DEFAULT.items():
-        if not result.knows(name):
-            sign, held = SQUARENESS_SLOPE[name][target], folded[target]
-            slope_um_mm = sign * _rise_um(held) / float(np.ptp(held.position_mm))
-            yield from _slope_lost(name, slope_um_mm * max(result.volume.size_mm))
+        elif abs(rise_um) > NOTHING_UM and not identifies(result, folded):
+            yield warning("old-table-lost.slope", name=table.name, um=rise_um)
 
 
 def _nodes_mm(volume: Volume) -> list[Vector]:
@@ -86,11 +80,6 @@ def _nodes_mm(volume: Volume) -> list[Vector]:
 
 def _rise_um(table: Table) -> float:
     return float(table.value_um[-1] - table.value_um[0])
-
-
-def _slope_lost(name: str, rise_um: float) -> Iterator[Finding]:
-    if abs(rise_um) > NOTHING_UM:
-        yield warning("old-table-lost.slope", name=name, um=rise_um)
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:

@@ -252,11 +252,9 @@ def measured(
     the readings is ``scatter`` (N, N) except for its size, which the residuals show.
     """
     size_um = 1.0
-    for _ in range(
-        3
-        # the scatter sets how much the held columns count, and they change the scatter: it settles
-        # in two rounds
-    ):
+    # the scatter sets how much the held columns count, and they change the scatter: it settles in
+    # two rounds
+    for _ in range(3):
         root = np.linalg.inv(np.linalg.cholesky(scatter + held @ held.T / size_um**2))
         beside = np.linalg.qr(root @ free)[0]
         weigh = root - beside @ (beside.T @ root)
