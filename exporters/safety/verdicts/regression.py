@@ -35,7 +35,7 @@ SIZED = 0.15
 """Largest share by which a table may differ in size from the right table: rounding stays below it
 in every export.
 """
-SHAPED = 0.436
+SHAPED = 0.4359
 """Largest share of a movement outside the request's shape that counts as the right table in another
 size: a correlation of 0.9, about the residue `SAME` of a table of the right size.
 """
