@@ -189,11 +189,7 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
     """
     if result.volume.solid:
         return profile
-    functions = [
-        name
-        for name in profile.machine.functions
-        if name in result.errors and result.errors[name].value is not None
-    ]
+    functions = [name for name in profile.machine.functions if result.knows(name)]
     return replace(profile, machine=msgspec.structs.replace(profile.machine, functions=functions))
 
 

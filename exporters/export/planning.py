@@ -122,12 +122,7 @@ def _names(result: Result, control: Controller, profile: Profile) -> Sequence[st
     if not isinstance(control, Pairing):
         return asked
     paired = control.paired(asked, profile.machine.squareness_into)
-    return [
-        name
-        for name in paired
-        if name in asked
-        or ((found := result.errors.get(name)) is not None and found.value is not None)
-    ]
+    return [name for name in paired if name in asked or result.knows(name)]
 
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:

@@ -114,11 +114,7 @@ def export_kinematics(
         *_stated(result, profile),
         *_beside(result, held),
     )
-    refuse(
-        [item for item in findings if item.severity != "info"],
-        accept,
-        message("export-of", control="linuxcnc"),
-    )
+    refuse(findings, accept, message("export-of", control="linuxcnc"))
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
     refuse(

@@ -20,10 +20,12 @@ from stepdiag.base.result.result import Result
 from stepdiag.base.volume import ROUNDING_MM, Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.safety.sign_evidence import subject
+from stepdiag.exporters.safety.standing import acts_with
+from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
+from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
 
 SIGN_TEST_DAYS = 365
 """A sign test is evidence for twelve months."""
@@ -44,10 +46,6 @@ class Case:
     previous: Sequence[Table] = ()
     today: date = date.min
 
-    def axis_label(self, letter: str) -> str:
-        """Return an axis as ``X (AX1)``."""
-        return f"{letter} ({self.profile.axis(letter).name})"
-
 
 Check = Callable[[Case], Iterator[Finding]]
 
@@ -67,8 +65,8 @@ def check_values(case: Case) -> Iterator[Finding]:
         limits = case.profile.limits.at(_travel_mm(table))
         largest = float(np.max(np.abs(_net_um(case, table))))
         own = case.controller.limits(table, case.profile).value_um
-        if largest > limits.value_um or (own is not None and largest > own):
-            limit = min(limits.value_um, own or np.inf)
+        limit = min(limits.value_um, own or np.inf)
+        if largest > limit:
             yield error("value-large.limit", label=table.label, um=largest, limit_um=limit)
         elif largest > limits.warn_value_um:
             yield warning(
@@ -105,9 +103,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
             most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
             yield warning("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most)
-        allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
-        if own.neighbour_um_mm is not None:
-            allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
+        allowed = np.minimum(own.neighbour_um or np.inf, (own.neighbour_um_mm or np.inf) * spacing)
         if np.any(steps > allowed + _ZERO_UM):
             yield error(
                 "slope-steep.neighbour",
@@ -126,24 +122,17 @@ def check_points(case: Case) -> Iterator[Finding]:
             (number for table in of_kind if isinstance(number := table.place.get("table"), int)),
             default=-1,
         )
-        if held is not None and (len(of_kind) > held or highest >= held):
+        last = max(highest, len(of_kind) - 1)
+        if held is not None and last >= held:
             yield error(
-                "control-full.tables",
-                count=len(of_kind),
-                kind=kind,
-                number=max(highest, len(of_kind) - 1),
-                held=held,
+                "control-full.tables", count=len(of_kind), kind=kind, number=last, held=held
             )
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
-        allowed = min(
-            (limit for limit in (own, case.profile.limits.points) if limit is not None),
-            default=None,
-        )
-        if allowed is not None and len(table.position_mm) > allowed:
-            yield error(
-                "control-full.points", label=table.label, count=len(table.position_mm), held=allowed
-            )
+        limits = [each for each in (own, case.profile.limits.points) if each is not None]
+        count = len(table.position_mm)
+        if limits and count > min(limits):
+            yield error("control-full.points", label=table.label, count=count, held=min(limits))
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
@@ -172,16 +161,14 @@ def check_travel(case: Case) -> Iterator[Finding]:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
             continue  # for an old table that is emptied no values remain
-        if (
-            table.position_mm[0] > travel[0] + _ZERO_UM
-            or table.position_mm[-1] < travel[1] - _ZERO_UM
-        ):
+        first, last = table.position_mm[[0, -1]]
+        if first > travel[0] + _ZERO_UM or last < travel[1] - _ZERO_UM:
             low, high = table.absolute_um[[0, -1]]
             yield warning(
                 "travel-not-covered",
                 label=table.label,
-                first_mm=table.position_mm[0],
-                last_mm=table.position_mm[-1],
+                first_mm=first,
+                last_mm=last,
                 from_mm=travel[0],
                 to_mm=travel[1],
                 low_um=low,
@@ -206,21 +193,20 @@ def check_axes(case: Case) -> Iterator[Finding]:
 
 def check_reversal(case: Case) -> Iterator[Finding]:
     """Check 12: reversal error in the tables and in the backlash parameter at the same time."""
-    both = (
-        table for table in case.tables if table.direction and table.input_axis == table.output_axis
-    )
-    for letter in sorted(
-        {
-            table.input_axis
-            for table in both
-            if not case.controller.limits(table, case.profile).ends_backlash
-        }
-    ):
-        backlash = case.profile.axis(letter).backlash_um
-        if backlash is None:
-            yield warning("profile-incomplete.reversal", axis_label=case.axis_label(letter))
-        elif backlash != 0:
-            yield error("direction-unfit.twice", axis=case.axis_label(letter), um=backlash)
+    letters = {
+        table.input_axis
+        for table in case.tables
+        if table.direction
+        and table.input_axis == table.output_axis
+        and not case.controller.limits(table, case.profile).ends_backlash
+    }
+    for letter in sorted(letters):
+        axis = case.profile.axis(letter)
+        label = f"{letter} ({axis.name})"
+        if axis.backlash_um is None:
+            yield warning("profile-incomplete.reversal", axis_label=label)
+        elif axis.backlash_um != 0:
+            yield error("direction-unfit.twice", axis=label, um=axis.backlash_um)
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
@@ -314,18 +300,15 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: Words)
     """Raise ``SafetyError`` with the key of the first finding that is an error or a warning without
     acceptance.
     """
-    refusing = [item for item in findings if item.severity != "info"]
-    open_findings = [
-        item for item in refusing if item.severity == "error" or not item.is_accepted(accept)
+    refusing = [
+        item
+        for item in findings
+        if item.severity == "error" or (item.severity == "warning" and not item.is_accepted(accept))
     ]
-    if not open_findings:
+    if not refusing:
         return
-    first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [
-        message("with-its-code", what=item.words, code=item.key)
-        for item in open_findings
-        if item is not first
-    ]
+    first, *rest = sorted(refusing, key=lambda item: item.severity != "error")
+    others = [message("with-its-code", what=item.words, code=item.key) for item in rest]
     remedy = (
         message("mend-cause")
         if first.severity == "error"
@@ -367,12 +350,8 @@ def _travel_mm(table: Table) -> float:
     """Return the travel over which the errors of a table grow: the travel of its own axis, or of
     the lever of its angle.
     """
-    spans = (
-        [table.position_mm]
-        if table.multiplier is None
-        else [table.position_mm, table.multiplier.position_mm]
-    )
-    return float(max(np.ptp(span) for span in spans))
+    lever_mm = 0.0 if table.multiplier is None else np.ptp(table.multiplier.position_mm)
+    return float(max(np.ptp(table.position_mm), lever_mm))
 
 
 def _measured_mm(result: Result, table: Table) -> float:
@@ -388,24 +367,19 @@ def _net_um(case: Case, table: Table) -> Vector:
     axis, whose levers count from the zero of the axes.
 
     Far from this zero, such a column and its angle are large and nearly cancel each other; the axis
-    moves by the difference, here in the middle of the volume and relative to the reference.
+    moves by the difference, here the mean over the volume, relative to the reference.
     """
     turns = [
         each
         for each in case.tables
         if each.multiplier is not None
         and each.multiplier.ends == "extended"
-        and each.output_axis == table.output_axis
-        and table.input_axis in (each.input_axis, each.multiplier.axis)
+        and acts_with(each, table)
     ]
     if table.multiplier is not None or not turns:
         return table.absolute_um
-    volume, axis = case.result.volume, AXES.index(table.input_axis.lower())
-    at = np.concatenate([table.position_mm, [table.reference_mm]])
-    points = np.tile(np.asarray(volume.origin_mm) + np.asarray(volume.size_mm) / 2.0, (len(at), 1))
-    points[:, axis] = at
-    moved = mean_correction_um(
-        [*turns, *(each for each in case.tables if each.name == table.name)], points
-    )
-    moved = moved[:, AXES.index(table.output_axis.lower())]
+    together = [*turns, *(each for each in case.tables if each.name == table.name)]
+    moving = TableCase(table=table, together=together, before=(), volume=case.result.volume)
+    at = np.append(table.position_mm, table.reference_mm)
+    moved = moving.sum_um(together, at)
     return np.asarray(moved[:-1] - moved[-1])

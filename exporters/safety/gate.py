@@ -15,7 +15,6 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.judge import judge
-from stepdiag.exporters.safety.verdicts.verdict import worst
 from stepdiag.exporters.tables.tables import Table
 
 _NO_NUMBER = re.compile(r"(?<![A-Za-z_])(?:nan|inf|infinity)(?![A-Za-z_])", re.IGNORECASE)
@@ -53,10 +52,10 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     """
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
-    judged = judge(case.result, read, standing, profile)
     yield from (
         Finding(code=each.code, severity="error", text=each.text, message=each.words)
-        for each in worst(judged)
+        for each in judge(case.result, read, standing, profile)
+        if not each.harmless
     )
     for table in read:
         travel = (

@@ -53,11 +53,7 @@ def require_levers(result: Result, profile: Profile) -> None:
     removed their levers.
     """
     names = without_levers({file.name: file.data for file in profile.existing})
-    known = [
-        name
-        for name in ROTATIONS
-        if (found := result.errors.get(name)) is not None and found.value is not None
-    ]
+    known = [name for name in ROTATIONS if result.knows(name)]
     if (
         profile.machine.measured_with == "on"
         and stated_in(result).state != "off"

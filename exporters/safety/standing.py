@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.findings import Finding, error, warning
-from stepdiag.base.result.result import Result
-from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
+from stepdiag.base.result.result import POSITIONING, Result
+from stepdiag.exporters.safety.verdicts.wanted import is_known
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, same_lever, summed_um
 
@@ -81,20 +82,26 @@ def identifies(result: Result, table: Table) -> bool:
     """
     if table.multiplier is not None:
         turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
-        angles = [result.errors.get(f"E{'ABC'[turn]}{table.input_axis}") for turn in turns]
-        return len(angles) == 1 and all(
-            angle is not None and angle.value is not None for angle in angles
-        )
-    function = result.errors.get(table.name)
-    slopes = [name for name, functions in SQUARENESS_SLOPE.items() if table.name in functions]
-    squares = all(
-        name in result.squareness and result.squareness[name].value is not None for name in slopes
+        angles = [f"E{'ABC'[turn]}{table.input_axis}" for turn in turns]
+        return len(angles) == 1 and result.knows(angles[0])
+    fold = FOLD_OTHER if table.name in FOLD_OTHER.values() else FOLD_DEFAULT
+    return is_known(result, table.name, fold) and (
+        table.name not in POSITIONING or result.errors[table.name].slope_identified
     )
-    return (
-        function is not None
-        and function.value is not None
-        and squares
-        and (bool(slopes) or function.slope_identified)
+
+
+def acts_with(one: Table, other: Table) -> bool:
+    """Return whether ``one`` acts together with ``other``: the same function, and for a curve the
+    products that move along its axis.
+
+    Products of a function and lever count together, in any place: a new product may do the work of
+    an old product under other numbers.
+    """
+    if one.multiplier is None or other.multiplier is not None:
+        return one.name == other.name
+    return one.output_axis == other.output_axis and other.input_axis in (
+        one.input_axis,
+        one.multiplier.axis,
     )
 
 
@@ -105,7 +112,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     A warning for a new table without a slope, or with less reach, that replaces an old table with
     more.
     """
-    asked = set(profile.machine.functions)
+    asked, off = set(profile.machine.functions), profile.machine.measured_with == "off"
     named = {
         table.name: table for table in standing.new if table.value_um.any() or table.name in asked
     }
@@ -115,28 +122,19 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
             yield error("old-table-left-active", label=table.label, other=named[table.name].label)
         elif table.identity in foreign:
             yield error("old-table-left-active.part-left", label=table.label)
-        elif (
-            table.multiplier is not None
-            and profile.machine.measured_with == "off"
-            and not identifies(result, table)
-        ):
+        elif table.multiplier is not None and off and not identifies(result, table):
             yield from _twice(table, standing.new)
     for table in standing.lost():
-        if (
-            table.name not in asked
-            and (profile.machine.measured_with == "off" or table.multiplier is None)
-            and not _chosen(result, table)
-        ):
+        # a lost product that the result identifies was compared with other products: the prediction
+        # judges the effect of its loss
+        unseen = table.multiplier is None or (off and not identifies(result, table))
+        if table.name not in asked and unseen:
             yield error("old-table-lost", label=table.label)
     for table in standing.new:
-        old = [
-            each
-            for each in standing.before
-            if each.name == table.name and each.multiplier is None and each.value_um.any()
-        ]
+        old = [each for each in standing.before if each.name == table.name and each.value_um.any()]
         if old and table.multiplier is None and table.value_um.any():
             yield from () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
-            if profile.machine.measured_with == "off" and not identifies(result, table):
+            if off and not identifies(result, table):
                 yield from _slope_lost(table, old)
 
 
@@ -144,23 +142,10 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
     """Yield an error where an old product that was off during the measurement stays active beside a
     new curve: the curve also contains its part.
     """
-    lever = product.multiplier.axis if product.multiplier is not None else ""
     for table in new:
-        alike = (
-            table.multiplier is None
-            and table.output_axis == product.output_axis
-            and table.input_axis in (product.input_axis, lever)
-        )
-        if alike and table.value_um.any():
+        if table.multiplier is None and acts_with(product, table) and table.value_um.any():
             yield error("old-table-left-active.beside-new", label=product.label, other=table.label)
             return
-
-
-def _chosen(result: Result, table: Table) -> bool:
-    """Return whether a lost product was compared with other products: then the prediction judges
-    the effect of its loss.
-    """
-    return table.multiplier is not None and identifies(result, table)
 
 
 def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterator[Finding]:
@@ -169,24 +154,17 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
     first = min(float(each.position_mm[0]) for each in new if each.name == table.name)
     last = max(float(each.position_mm[-1]) for each in new if each.name == table.name)
     for each in old:
-        outside = np.concatenate(
-            [each.position_mm[each.position_mm < first], each.position_mm[each.position_mm > last]]
-        )
-        if not len(outside):
-            continue
-        ends = np.clip(outside, first, last)
-        way = each.direction or 1
-        lost_um = float(
-            np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way)))
-        )
+        at, way = each.position_mm, each.direction or 1
+        held_um = correction_um(each, np.clip(at, first, last), way)
+        lost_um = float(np.max(np.abs(correction_um(each, at, way) - held_um)))
         if lost_um > NOTHING_UM:
             yield warning(
                 "old-table-lost.ends",
                 label=table.label,
                 first_mm=table.position_mm[0],
                 last_mm=table.position_mm[-1],
-                low_mm=each.position_mm[0],
-                high_mm=each.position_mm[-1],
+                low_mm=at[0],
+                high_mm=at[-1],
                 lost_um=lost_um,
             )
             return

@@ -8,7 +8,6 @@ quantises once.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, summed_um
+from stepdiag.exporters.tables.tables import Table, joined, steps_um, summed_um
 
 
 def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -> tuple[Curve, ...]:
@@ -65,17 +64,6 @@ def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: 
     points are joined by straight lines; the old table between them is kept in full.
     """
     measured = curve.position_mm
-    steps = summed_um(active, measured, direction) - _joined_um(active, measured, direction)
-    smooth = curve.toward(direction) - steps
-    return np.asarray(np.interp(grid_mm, measured, smooth) - _joined_um(active, grid_mm, direction))
-
-
-def _joined_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
-    """Return the addition of active tables, with stepped ones joined by straight lines: the
-    correction that the machine needs.
-    """
-    return summed_um(
-        [replace(table, law=replace(table.law, between="linear")) for table in active],
-        position_mm,
-        direction,
-    )
+    smooth = curve.toward(direction) - steps_um(active, measured, direction)
+    straight = summed_um(map(joined, active), grid_mm, direction)
+    return np.asarray(np.interp(grid_mm, measured, smooth) - straight)

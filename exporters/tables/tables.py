@@ -222,6 +222,15 @@ def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) 
     )
 
 
+def steps_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
+    """Return the part of `summed_um` in the steps of stepped tables: less the straight lines that
+    join their points.
+    """
+    every = list(tables)
+    straight = summed_um(map(joined, every), position_mm, direction)
+    return summed_um(every, position_mm, direction) - straight
+
+
 def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:
     """Return ``inside`` with the first and last section extended as straight lines."""
     low = value[0] + (at - position[0]) * (value[1] - value[0]) / (position[1] - position[0])

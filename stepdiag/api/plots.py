@@ -27,11 +27,7 @@ def plot_functions(result: Result) -> "Figure":
     the two directions if the data give them. Raises UsageError without matplotlib, or without an
     identified function.
     """
-    names = [
-        name
-        for name in (*DISPLACEMENTS, *ROTATIONS)
-        if name in result.errors and result.errors[name].value is not None
-    ]
+    names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if result.knows(name)]
     if not names:
         raise UsageError(
             "plot_functions", expected=message("known-function"), found=message("none")

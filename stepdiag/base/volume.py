@@ -88,6 +88,11 @@ class Volume:
         low = self.origin_mm[axis]
         return low + self.size_mm[axis] * np.arange(self.increments + 1) / self.increments
 
+    def even_mm(self, axis: int, count: int) -> Vector:
+        """Return even positions from end to end of an axis (0, 1, 2), shape (count,), ascending."""
+        even: Vector = self.origin_mm[axis] + self.size_mm[axis] * np.linspace(0.0, 1.0, count)
+        return even
+
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
     """Return the largest distance of a stop from its target where targets are ``step_mm`` apart, 0
@@ -171,10 +176,7 @@ def anywhere_mm(volume: Volume) -> Vector:
 def grid_points_mm(volume: Volume, nodes: int) -> Vector:
     """Return a regular grid over the volume with so many nodes along each axis, z fastest, shape
     (nodes ** 3, 3)."""
-    axes = [
-        low + size * np.linspace(0.0, 1.0, nodes)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
+    axes = [volume.even_mm(axis, nodes) for axis in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 

@@ -2,7 +2,7 @@
 volume, and the regressions on the requested movement.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +10,16 @@ import numpy as np
 from stepdiag.base.names import AXES
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
+from stepdiag.base.volume import ROUNDING_MM, Vector, Volume, grid_points_mm, rms
 from stepdiag.exporters.safety.verdicts.regression import SIZED, SPIKE, SURE_UM, Fit, regress
 from stepdiag.exporters.tables.curves import Curve
-from stepdiag.exporters.tables.tables import Table, correction_um, joined, mean_correction_um
+from stepdiag.exporters.tables.tables import (
+    Table,
+    correction_um,
+    joined,
+    mean_correction_um,
+    steps_um,
+)
 
 POINTS = 61
 """Points along an axis at which two movements are compared."""
@@ -53,16 +59,14 @@ class TableCase:
         requested curve; between its points straight lines are accepted. ``turn_um_mm`` is the
         addition of a turn of the workpiece to the slope of the curve, which is no error.
         """
-        first, last = curve.position_mm[[0, -1]]
         own = curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm
-        low, high = max(first, own[0]), min(last, own[-1])
-        if high - low < COVERED * (last - first):
+        at = _common_mm(curve, own)
+        if at[-1] - at[0] < COVERED * np.ptp(curve.position_mm):
             return None
-        at = np.linspace(low, high, POINTS)
-        before, error = self._sum_um(self.before, at - shift_mm), curve.at(at)
-        held = np.interp(at, own, self._sum_um(self.before, own - shift_mm) - curve.at(own))
+        before, error = self.sum_um(self.before, at - shift_mm), curve.at(at)
+        held = np.interp(at, own, self.sum_um(self.before, own - shift_mm) - curve.at(own))
         asked = centred(held - before)
-        moved = centred(self._sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
+        moved = centred(self.sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
         # the survey's uncertainty excuses little: the table is judged by this result's request, not
         # by the machine
@@ -81,21 +85,33 @@ class TableCase:
         """Return the point of the table that is nearest to the largest residual of a regression on
         a curve.
         """
-        first, last = curve.position_mm[[0, -1]]
         own = self.table.position_mm
-        at = np.linspace(max(first, own[0]), min(last, own[-1]), POINTS)[fit.largest_index]
-        return float(min(own, key=lambda mm: abs(mm - at)))
+        at = _common_mm(curve, own)[fit.largest_index]
+        return float(own[np.argmin(np.abs(own - at))])
+
+    def shifts_mm(self) -> list[float]:
+        """Return the shifts that bring one of the table's first points to the low end of the
+        travel, or one of the last to the high end.
+        """
+        low, high = self.travel_mm(self.table.input_axis)[[0, -1]]
+        own = self.table.position_mm[: 0 if self.table.law.ends == "extended" else None]
+        shifts = np.concatenate([low - own[:_SHIFTED], high - own[-_SHIFTED:]])
+        return [float(shift) for shift in shifts if abs(shift) > ROUNDING_MM]
 
     def slope_left_um_mm(self, curve: Curve) -> float:
         """Return the slope in um/mm of the residual of a curve."""
-        at = np.linspace(curve.position_mm[0], curve.position_mm[-1], POINTS)
-        left = self._sum_um(self.together, at) - self._sum_um(self.before, at) + curve.at(at)
+        at = _common_mm(curve, curve.position_mm)
+        left = self.sum_um(self.together, at) - self.sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
 
-    def fit_product(self, result: Result, moving: int, by: int) -> Fit:
-        """Return the regression of the part that grows with the lever along ``by`` on the same part
-        of the result's field.
+    def fit_product(self, result: Result) -> Fit | None:
+        """Return the regression of the part that grows with the lever of a product on the same part
+        of the result's field; None for a lever along the table's own axis.
         """
+        lever = self.table.multiplier
+        if lever is None or lever.axis == self.table.input_axis:
+            return None
+        moving, by = (AXES.index(each.lower()) for each in (self.table.input_axis, lever.axis))
         points = grid_points_mm(self.volume, NODES)
         axis = AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
@@ -109,25 +125,11 @@ class TableCase:
         """Return a residual without the steps of the tables that were active during the
         measurement: no table needs these steps (`tables.merge`).
         """
-        stepped = [
-            each
-            for each in self.before
-            if each.law.between == "stepped" and each.multiplier is None
-        ]
-        if not stepped:
-            return curve
-        at = curve.position_mm
-        steps = sum(
-            (
-                correction_um(each, at, way) - correction_um(joined(each), at, way)
-                for each in stepped
-                for way in (1, -1)
-            ),
-            0.0 * at,
-        )
-        return replace(curve, forward_um=curve.at(at) - steps / 2.0, reverse_um=None)
+        curves = [each for each in self.before if each.multiplier is None]
+        steps = sum(steps_um(curves, curve.position_mm, way) / 2.0 for way in (1, -1))
+        return replace(curve, forward_um=curve.mean_um - steps, reverse_um=None)
 
-    def _sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
+    def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
         """Return the movement by tables at positions, mean of both directions, steps joined by
         straight lines, in um.
 
@@ -149,45 +151,34 @@ class TableCase:
             return correction_um(table, position_mm, way)
         times = table.multiplier.at
         if table.input_axis == self.table.input_axis:
-            mean = float(np.mean(times(self._travel_mm(table.multiplier.axis))))
+            mean = float(np.mean(times(self.travel_mm(table.multiplier.axis))))
             return correction_um(table, position_mm, way) * mean
-        mean = float(np.mean(correction_um(table, self._travel_mm(table.input_axis), way)))
+        mean = float(np.mean(correction_um(table, self.travel_mm(table.input_axis), way)))
         return mean * times(position_mm)
 
-    def _travel_mm(self, letter: str) -> Vector:
-        axis = AXES.index(letter.lower())
-        return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(
-            0.0, 1.0, POINTS
-        )
+    def travel_mm(self, letter: str) -> Vector:
+        """Return points from end to end of the measured travel of an axis X, Y or Z."""
+        return self.volume.even_mm(AXES.index(letter.lower()), POINTS)
 
 
-def cases_shifted(case: TableCase, low_mm: float, high_mm: float) -> Iterator[float]:
-    """Yield the shifts in mm that bring one of the first points of a table to the low end of the
-    travel, or of the last to the high end."""
-    own = (
-        case.table.position_mm[:0] if case.table.law.ends == "extended" else case.table.position_mm
-    )
-    for shift in (*(low_mm - own[:_SHIFTED]), *(high_mm - own[-_SHIFTED:])):
-        if abs(shift) > 1e-6:
-            yield float(shift)
+def _common_mm(curve: Curve, own_mm: Vector) -> Vector:
+    """Return points over the part of a curve that lies between positions of a table, descending
+    where there is no such part.
+    """
+    first, last = curve.position_mm[[0, -1]]
+    return np.linspace(max(first, own_mm[0]), min(last, own_mm[-1]), POINTS)
 
 
 def growing_um(values: Vector, moving: int, by: int) -> Vector:
     """Return, at the nodes of the axis ``moving``, the part of values on a grid that grows with the
     lever along ``by``, for the end of the lever.
 
-    The curves of single axes, means along each axis, are subtracted first.
+    The curves of single axes drop out: the mean of the lever is zero, and so is that of the part.
     """
     (other,) = {0, 1, 2} - {moving, by}
-    left = values - np.mean(values)
-    for axes in ((1, 2), (0, 2), (0, 1)):
-        left = left - np.mean(left, axis=axes, keepdims=True)
     lever = np.linspace(-1.0, 1.0, NODES)
-    return np.asarray(
-        np.mean(np.moveaxis(left, (moving, by, other), (0, 1, 2)), axis=2)
-        @ lever
-        / np.sum(lever**2)
-    )
+    plane = np.mean(np.moveaxis(values, (moving, by, other), (0, 1, 2)), axis=2)
+    return centred(plane @ lever) / np.sum(lever**2)
 
 
 def centred(values: Vector) -> Vector:

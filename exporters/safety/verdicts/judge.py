@@ -1,8 +1,5 @@
-"""The verdict on every table of a set, and on every function without a table: words and codes for
-the causes of `regression`.
-
-The comparison uses the movement, by the control's law, of the table and of all tables that act
-together with it, and the curve that the export would write, at the points of the table.
+"""The verdict on every table of a set, and on every function without a table: the words for the
+explanations of `regression`.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,18 +7,11 @@ from dataclasses import replace
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.messages import Message, message
-from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import rms
-from stepdiag.exporters.safety.standing import Standing, unchanged
-from stepdiag.exporters.safety.verdicts.case import (
-    COVERED,
-    TableCase,
-    cases_shifted,
-    centred,
-    typical_u,
-)
-from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Cause, Explained, Fit, explain
+from stepdiag.exporters.safety.standing import Standing, acts_with, unchanged
+from stepdiag.exporters.safety.verdicts.case import TableCase, centred, typical_u
+from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Explained, Fit, explain
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted, is_known
 from stepdiag.exporters.tables.controller import Controller, Multiplying
@@ -45,27 +35,23 @@ def judge(
 
     def case_of(table: Table) -> TableCase:
         together, then = (
-            [each for each in some if _acts_with(each, table)] for some in (after, before)
+            [each for each in some if acts_with(each, table)] for some in (after, before)
         )
         return TableCase(table=table, together=together, before=then, volume=result.volume)
 
     turns = _turns(wanted, [case_of(table) for table in after if table.multiplier is None])
     judged = [
-        _measuring_system(table, profile)
-        or _kept(table, standing, profile)
-        or _emptied(case := case_of(table))
+        _settled(case, standing, profile)
         or (
-            _of_product(case, result)
-            if table.multiplier is not None
-            else _of_curve(case, wanted, turns.get(table.name, 0.0))
+            _of_curve(case, wanted, turns.get(case.table.name, 0.0))
+            if case.table.multiplier is None
+            else _of_product(case, result)
         )
-        for table in tables
+        for case in map(case_of, tables)
     ]
     # a control has zeros for functions outside the request, and zeros alone remove every
     # correction, as restore files do
-    asked = (
-        set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
-    )
+    asked = profile.machine.functions if any(table.value_um.any() for table in tables) else ()
     return tuple(
         replace(each, code="empty")
         if each.code == "missing" and each.function not in asked
@@ -82,102 +68,66 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
     ]
     if not own:
         return _says(case, "unidentified", message("result-does-not-identify"))
-    axis = AXES.index(case.table.input_axis.lower())
-    low, high = case.volume.origin_mm[axis], case.volume.origin_mm[axis] + case.volume.size_mm[axis]
-    mirrored = f"E{name[2]}{name[1]}"
+    fits, mirrored = _fits(case, own), f"E{name[2]}{name[1]}"
     names = (mirrored, *(each for each in FUNCTIONS if each not in (name, mirrored)))
     found = explain(
-        _fits(case, own),
+        fits,
         _fits(case, own, turn_um_mm=turn_um_mm) if turn_um_mm else (),
         ((other, fit) for other in names if other != name for fit in _fits(case, wanted.of(other))),
-        (
-            (shift, fit)
-            for shift in cases_shifted(case, low, high)
-            for fit in _fits(case, own, shift)
-        ),
+        ((shift, fit) for shift in case.shifts_mm() for fit in _fits(case, own, shift)),
     )
     first, last = case.table.position_mm[[0, -1]]
-    if (
-        found.cause in ("scaled", "unlike")
-        and not case.is_slope
-        and min(last, high) - max(first, low) < COVERED * (high - low)
-    ):
-        return _says(
-            case,
-            "beside-volume",
-            message(
-                "to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high
-            ),
+    if not fits and found.code == "unlike":
+        low, high = case.travel_mm(case.table.input_axis)[[0, -1]]
+        words = message(
+            "to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high
         )
-    if found.cause == "other" and found.fit is not None:
+        return _says(case, "beside-volume", words)
+    if found.code == "axes-swapped" and found.fit is not None:
         turned = found.fit.left(-1.0) < found.fit.left()
         words = (
             message("this-table-with-opposite", name=found.other)
             if turned
             else message("this-table", name=found.other)
         )
-        return _says(
-            case, "input-output-swapped" if found.other == mirrored else "axes-swapped", words
-        )
-    if found.cause == "beside":
-        return _says(
-            case,
-            "beside-volume",
-            message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last),
-        )
-    if found.cause == "spike" and found.fit is not None:
+        return _says(case, "input-output-swapped" if found.other == mirrored else found.code, words)
+    if found.code == "beside-volume":
+        words = message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last)
+        return _says(case, found.code, words)
+    if found.code == "unlike" and found.fit is not None:
         where = f"{case.table.input_axis} {case.place_mm(own[0], found.fit):g} mm"
-        return _says(
-            case,
-            "unlike",
-            message("um-off-at-where", largest_um=found.fit.largest_um, where=where),
-            found.fit,
-        )
+        words = message("um-off-at-where", largest_um=found.fit.largest_um, where=where)
+        return _says(case, found.code, words, found.fit)
     return _plainly(case, found)
 
 
 def _of_product(case: TableCase, result: Result) -> Judgement:
-    """Return the judgement of a product table: compared with the part of the field that grows with
-    the same lever.
-    """
-    lever = case.table.multiplier
-    if lever is None or lever.axis == case.table.input_axis:
+    fit = case.fit_product(result)
+    if fit is None:
         return _says(case, "right", message("lever-along-axis-itself"))
-    moving, by = (AXES.index(letter.lower()) for letter in (case.table.input_axis, lever.axis))
-    fit = case.fit_product(result, moving, by)
     if fit.moved_um < fit.sure_um:
         return _says(case, "empty", message("no-correction"))
     return _plainly(case, explain([fit]))
 
 
-_CODES: Mapping[Cause, Code] = {
-    "right": "right",
-    "missing": "missing",
-    "sign-turned": "sign-turned",
-    "scaled": "scaled",
-}
-
-
 def _plainly(case: TableCase, found: Explained) -> Judgement:
-    """Return the judgement of a cause shown by a single regression."""
-    code, fit = _CODES.get(found.cause, "unlike"), found.fit
-    if fit is None or code == "unlike":
-        return _says(case, "unlike", message("nothing-like-what-result"))
-    words = {
-        "right": message("what-result-asks-for"),
-        "missing": message("no-correction-where-result", names_um=fit.size_um),
-        "sign-turned": message("right-shape-with-opposite"),
-    }.get(code)
-    if words is None:
-        factor = abs(fit.factor)
-        words = (
-            message("right-shape-times-as", factor=factor)
-            if fit.factor < 0
-            else message("right-shape-other-size", factor=factor)
-        )
+    """Return the judgement of a verdict shown by a single regression on the table's own request."""
+    code, fit = found.code, found.fit
+    if fit is None:
+        return _says(case, code, message("nothing-like-what-result"))
     if code == "right":
-        return _says(case, code, words, fit)
-    return _says(case, code, words, factor={"sign-turned": -1.0, "scaled": fit.factor}.get(code))
+        return _says(case, code, message("what-result-asks-for"), fit)
+    if code == "missing":
+        return _says(case, code, message("no-correction-where-result", names_um=fit.size_um))
+    if code == "sign-turned":
+        return _says(case, code, message("right-shape-with-opposite"), factor=-1.0)
+    factor = abs(fit.factor)
+    words = (
+        message("right-shape-times-as", factor=factor)
+        if fit.factor < 0
+        else message("right-shape-other-size", factor=factor)
+    )
+    return _says(case, code, words, factor=fit.factor)
 
 
 def _says(
@@ -217,57 +167,27 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
     return {one: (left[one] - left[other]) / 2.0 for one, other in pairs if other in left}
 
 
-def _acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` is judged together with ``other``: the same function, and for a curve
-    the products that move along its axis.
-
-    Products of a function and lever count together, in any place: a new product may do the work of
-    an old product under other numbers.
+def _settled(case: TableCase, standing: Standing, profile: Profile) -> Judgement | None:
+    """Return the judgement of a table that needs no comparison: for another measuring system, of a
+    function outside the request that moves the axis as before, or of zeros beside a table that
+    makes the correction.
     """
-    if one.multiplier is None or other.multiplier is not None:
-        return one.name == other.name
-    return one.output_axis == other.output_axis and other.input_axis in (
-        one.input_axis,
-        one.multiplier.axis,
-    )
-
-
-def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
-    system, used = (
-        table.place.get("measuring system"),
-        getattr(profile.options, "measuring_system", None),
-    )
-    if profile.assumed or system is None or used is None or system == used:
-        return None
-    text = message(
-        "written-for-measuring-system", label=table.label, system=str(system), used=str(used)
-    )
-    return Judgement(function=table.name, table=table, code="wrong-measuring-system", words=text)
-
-
-def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | None:
-    """Return a judgement if a function outside the request moves the axis as before."""
-    if table.name in profile.machine.functions or table.multiplier is not None:
-        return None
+    table = case.table
+    system = table.place.get("measuring system")
+    used = getattr(profile.options, "measuring_system", None)
+    if not profile.assumed and None not in (system, used) and system != used:
+        words = message("written-for-measuring-system", system=str(system), used=str(used))
+        return _says(case, "wrong-measuring-system", words)
     then, now = (
         [each for each in some if each.name == table.name]
         for some in (standing.before, standing.after)
     )
-    if not then or not now or not unchanged(now, then):
-        return None
-    return Judgement(
-        function=table.name,
-        table=table,
-        code="kept",
-        words=message("as-it-was-in", label=table.label),
-    )
-
-
-def _emptied(case: TableCase) -> Judgement | None:
-    """Return a judgement of a table of zeros if another table makes the correction."""
-    if case.table.value_um.any() or not any(each.value_um.any() for each in case.together):
-        return None
-    return _says(case, "empty", message("zeros-nothing-acts-from"))
+    outside = table.name not in profile.machine.functions and table.multiplier is None
+    if outside and then and now and unchanged(now, then):
+        return _says(case, "kept", message("as-it-was-in"))
+    if not table.value_um.any() and any(each.value_um.any() for each in case.together):
+        return _says(case, "empty", message("zeros-nothing-acts-from"))
+    return None
 
 
 def judge_missing(
@@ -284,15 +204,17 @@ def judge_missing(
         return
     held = {table.name for table in new}
     folds = (FOLD_DEFAULT, FOLD_OTHER) if profile.assumed else (profile.machine.squareness_into,)
-    lacking = [
+    lacking = (
         [curve for curve in _asked(result, controller, profile, fold) if curve.name not in held]
         for fold in folds
-    ]
+    )
     for curve in min(lacking, key=len):
         name, size_um = curve.name, rms(centred(curve.mean_um))
-        words = message("no-table-though-asked", name=name, size_um=size_um)
-        if profile.assumed:
-            words = message("no-table-for-it", name=name, size_um=size_um)
+        words = (
+            message("no-table-for-it", name=name, size_um=size_um)
+            if profile.assumed
+            else message("no-table-though-asked", name=name, size_um=size_um)
+        )
         yield Judgement(function=name, table=None, code="missing", words=words)
 
 
@@ -309,10 +231,8 @@ def _asked(
             plan = controller.plan_products(fit.curves, fit.products, profile)
         else:
             plan = controller.plan(fit.curves, profile)
-    except (
-        SafetyError,
-        UsageError,
-    ):  # a profile whose tables cannot be made does not show the contents of the control
+    except (SafetyError, UsageError):
+        # a profile whose tables cannot be made does not show the contents of the control
         return
     planned = {table.name: table for table in plan.tables}
     for curve in fit.curves:

@@ -1,28 +1,28 @@
-"""A lattice judged function by function: its addition is separated into curves and products, and
-each is judged like a table.
+"""A lattice judged function by function: its addition is separated into curves, the means over the
+other two axes, and products, the parts that grow with a lever.
 
-The curves are the means over the other two axes, the slope of each pair in the function with the
-squareness by the contract; the part that grows with a lever is a product. Together they are the
-best tables for the lattice (`tables.fit`), so the verdicts are those of tables.
+Together they are the best tables for the lattice (`tables.fit`), so the verdicts are those of
+tables.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import permutations, product
 
 import numpy as np
 
 from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.names import AXES
-from stepdiag.base.result.result import POSITIONING, Result
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.standing import NOTHING_UM, Standing
+from stepdiag.exporters.safety.standing import NOTHING_UM, Standing, identifies
 from stepdiag.exporters.safety.verdicts.case import NODES, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS, SQUARENESS_SLOPE
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
@@ -35,7 +35,7 @@ Axes = tuple[Vector, Vector, Vector]
 
 def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judgement, ...]:
     """Return a judgement for every function and product of the addition of a lattice with these
-    ``axes_mm`` to the active tables.
+    ``axes_mm``.
 
     Unmeasured angles count with their expected values, as they do in a lattice.
     """
@@ -43,7 +43,7 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
     # no profile enters a judgement of a lattice: the neutral control stands in
     stand_in = quick_profile(controller_named("neutral"), result.volume)
     known = replace(result, errors={**result.errors, **result.expected})
-    tables = (*_folded([*parts[: len(FUNCTIONS)]]), *parts[len(FUNCTIONS) :])
+    tables = (*_folded(parts[: len(FUNCTIONS)]).values(), *parts[len(FUNCTIONS) :])
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
 
 
@@ -65,36 +65,21 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
     """
     x, y, z = _nodes_mm(result.volume)
     old = [_curve(name, moved_um, (x, y, z), result.volume) for name in FUNCTIONS]
-    for table in old:
-        function, held_um = result.errors.get(table.name), float(np.ptp(table.value_um))
-        if held_um > NOTHING_UM and (function is None or function.value is None):
+    for table, folded in zip(old, _folded(old).values(), strict=True):
+        held_um, rise_um = float(np.ptp(table.value_um)), _rise_um(folded)
+        if held_um > NOTHING_UM and not result.knows(table.name):
             yield error("old-table-lost.lattice", name=table.name, um=held_um)
-        elif table.name in POSITIONING and function and not function.slope_identified:
-            yield from _slope_lost(table.name, _rise_um(table))
-    folded = {table.name: table for table in _folded(old)}
-    for name, target in FOLD_DEFAULT.items():
-        squareness = result.squareness.get(name)
-        if squareness is None or squareness.value is None:
-            sign, held = SQUARENESS_SLOPE[name][target], folded[target]
-            slope_um_mm = sign * _rise_um(held) / float(np.ptp(held.position_mm))
-            yield from _slope_lost(name, slope_um_mm * max(result.volume.size_mm))
+        elif abs(rise_um) > NOTHING_UM and not identifies(result, folded):
+            yield warning("old-table-lost.slope", name=table.name, um=rise_um)
 
 
 def _nodes_mm(volume: Volume) -> list[Vector]:
     """Return the positions along each axis at which a field is separated."""
-    return [
-        np.linspace(low, low + size, NODES)
-        for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)
-    ]
+    return [volume.even_mm(axis, NODES) for axis in range(3)]
 
 
 def _rise_um(table: Table) -> float:
     return float(table.value_um[-1] - table.value_um[0])
-
-
-def _slope_lost(name: str, rise_um: float) -> Iterator[Finding]:
-    if abs(rise_um) > NOTHING_UM:
-        yield warning("old-table-lost.slope", name=name, um=rise_um)
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
@@ -113,9 +98,9 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
     return _lattice_table(name, along[moving], mean - mean[0])
 
 
-def _folded(tables: list[Table]) -> list[Table]:
-    """Return the curves with the slope of each pair in the function that holds the squareness: the
-    rest is a turn of the workpiece.
+def _folded(tables: Sequence[Table]) -> dict[str, Table]:
+    """Return the curves by their names, with the slope of each pair in the function that holds the
+    squareness: the rest is a turn of the workpiece.
     """
     found = {table.name: table for table in tables}
     for squareness, target in FOLD_DEFAULT.items():
@@ -126,27 +111,22 @@ def _folded(tables: list[Table]) -> list[Table]:
             found[name] = _lattice_table(
                 name, at, found[name].value_um + sign * slope * (at - at[0])
             )
-    return list(found.values())
+    return found
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     """Yield the part that grows with a lever, for every output, axis and lever where it exceeds
     rounding.
     """
-    points = grid_points_mm(volume, NODES)
-    moved = moved_um(points)
-    for output in range(3):
-        values = moved[:, output].reshape(NODES, NODES, NODES)
-        for moving in range(3):
-            for by in {0, 1, 2} - {moving}:
-                grown = growing_um(values, moving, by)
-                ends, low = np.array([0.0, volume.size_mm[by]]), volume.origin_mm[by]
-                at = volume.origin_mm[moving] + np.linspace(0.0, volume.size_mm[moving], NODES)
-                if rms(grown) > SURE_UM / 2:
-                    multiplier = Multiplier(
-                        axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0])
-                    )
-                    yield _lattice_table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
+    nodes = _nodes_mm(volume)
+    moved = moved_um(grid_points_mm(volume, NODES)).reshape(NODES, NODES, NODES, 3)
+    for output, (moving, by) in product(range(3), permutations(range(3), 2)):
+        grown = growing_um(moved[..., output], moving, by)
+        if rms(grown) > SURE_UM / 2:
+            lever = Multiplier(
+                axis="XYZ"[by], position_mm=nodes[by][[0, -1]], value=np.array([-1.0, 1.0])
+            )
+            yield _lattice_table(f"E{'XYZ'[output]}{'XYZ'[moving]}", nodes[moving], grown, lever)
 
 
 def _lattice_table(

@@ -20,11 +20,12 @@ the largest plausible scatter at a single place by these two and a tolerated siz
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag.base.volume import Vector, rms
+from stepdiag.exporters.safety.verdicts.verdict import Code
 
 SAME = 0.4
 """Largest residue of an error, as a share, with a right table: the change that another survey of an
@@ -34,9 +35,9 @@ SIZED = 0.15
 """Largest share by which a table may differ in size from the right table: rounding stays below it
 in every export.
 """
-ALIKE = 0.9
-"""Correlation from which a table counts as the right table in another size: the residue `SAME` of a
-table of the right size.
+SHAPED = 0.4359
+"""Largest share of a movement outside the request's shape that counts as the right table in another
+size: a correlation of 0.9, about the residue `SAME` of a table of the right size.
 """
 OTHER, EXACT = 0.35, 0.1
 """Largest residue at which another function is named; and the residue of a clear case of another
@@ -48,8 +49,6 @@ largest value of a normal scatter.
 """
 SURE_UM = 0.2
 """Movements below this value cannot be separated from rounding and noise."""
-
-Cause = Literal["right", "missing", "sign-turned", "other", "beside", "scaled", "spike", "unlike"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,11 +72,6 @@ class Fit:
         """Return the size of the movement."""
         return float(np.hypot(self.factor * self.asked_um, self.rest_um))
 
-    @property
-    def alike(self) -> float:
-        """Return the correlation of the movement and the request."""
-        return self.factor * self.asked_um / self.moved_um if self.moved_um > 0.0 else 0.0
-
     def left(self, factor: float = 1.0) -> float:
         """Return the share of the error that would remain if the request times ``factor`` were
         exact.
@@ -88,7 +82,7 @@ class Fit:
     @property
     def left_scaled(self) -> float:
         """Return the share of the movement that no size explains."""
-        return float(np.sqrt(max(0.0, 1.0 - self.alike**2)))
+        return self.rest_um / self.moved_um if self.moved_um > 0.0 else 1.0
 
     @property
     def is_large(self) -> bool:
@@ -144,9 +138,12 @@ def regress(
 
 
 class Explained(NamedTuple):
-    """Explanation of a movement: the cause, its regression, and the other function or place."""
+    """Explanation of a movement: the verdict, its regression, and the other function or place.
 
-    cause: Cause
+    A table that is "unlike" at one place only has a regression, a table of another machine none.
+    """
+
+    code: Code
     fit: Fit | None = None
     other: str = ""
     shift_mm: float = 0.0
@@ -177,13 +174,13 @@ def explain(
     near = [fit for fit in every if fit.is_alike or fit.left() <= SAME]
     if near:
         fit = min(near, key=lambda fit: fit.rest_um)
-        return Explained("spike" if fit.is_alike else "scaled", fit)
+        return Explained("unlike" if fit.is_alike else "scaled", fit)
     unscaled = min((fit.left_scaled for fit in own), default=1.0)
     for name, fit in others:
         if fit.size_um >= 2.0 * fit.sure_um and min(fit.left(), fit.left(-1.0)) <= min(
             OTHER, max(EXACT, unscaled)
         ):
-            return Explained("other", fit, other=name)
+            return Explained("axes-swapped", fit, other=name)
     elsewhere = [
         (shift, fit)
         for shift, fit in shifted
@@ -191,15 +188,14 @@ def explain(
     ]
     if elsewhere:
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
-        return Explained("beside", fit, shift_mm=shift)
-    sized = [fit for fit in own if abs(fit.alike) >= ALIKE and fit.is_large]
-    # the likeness of two slopes differs by rounding alone, so among equals the one with the
-    # smallest residual of the table wins
+        return Explained("beside-volume", fit, shift_mm=shift)
+    sized = [fit for fit in own if fit.left_scaled <= SHAPED and fit.is_large]
+    # the shapes of two slopes differ by rounding alone, so among equals the one with the smallest
+    # residual of the table wins
     if sized:
-        return Explained(
-            "scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left()))
-        )
-    return Explained("unlike", min(own, key=lambda fit: fit.rest_um, default=None))
+        best = min(sized, key=lambda fit: (round(fit.left_scaled, 3), fit.left()))
+        return Explained("scaled", best)
+    return Explained("unlike")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -256,11 +252,9 @@ def measured(
     the readings is ``scatter`` (N, N) except for its size, which the residuals show.
     """
     size_um = 1.0
-    for _ in range(
-        3
-        # the scatter sets how much the held columns count, and they change the scatter: it settles
-        # in two rounds
-    ):
+    # the scatter sets how much the held columns count, and they change the scatter: it settles in
+    # two rounds
+    for _ in range(3):
         root = np.linalg.inv(np.linalg.cholesky(scatter + held @ held.T / size_um**2))
         beside = np.linalg.qr(root @ free)[0]
         weigh = root - beside @ (beside.T @ root)

@@ -1,6 +1,5 @@
 """The verdicts on a table, in a word for programs and a sentence for people."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -65,8 +64,3 @@ class Judgement:
             "largest_um": None if self.largest_um is None else round(self.largest_um, 3),
             "text": self.text,
         }
-
-
-def worst(judgements: Iterable[Judgement]) -> Iterator[Judgement]:
-    """Yield the judgements for which a file must not be loaded."""
-    return (each for each in judgements if not each.harmless)

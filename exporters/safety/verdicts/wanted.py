@@ -5,9 +5,6 @@ per pair.
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
-from stepdiag.base.errors import DataError
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.curves import (
     FOLD_DEFAULT,
@@ -15,7 +12,6 @@ from stepdiag.exporters.tables.curves import (
     FUNCTIONS,
     SQUARENESS_SLOPE,
     Curve,
-    curves_of,
 )
 from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 
@@ -28,7 +24,7 @@ class Wanted:
         for fold in (FOLD_DEFAULT, FOLD_OTHER):
             known = [name for name in FUNCTIONS if is_known(result, name, fold)]
             for curve in fitted(result, known, fold).curves:
-                self._curves[curve.name].append(_with_slope_u(curve, result))
+                self._curves[curve.name].append(curve)
 
     def of(self, name: str) -> list[Curve]:
         return self._curves.get(name, [])
@@ -49,23 +45,9 @@ class Wanted:
         ]
 
 
-def _with_slope_u(curve: Curve, result: Result) -> Curve:
-    """Return a curve whose uncertainty includes that of the squareness in its slope, about the
-    middle of its travel.
-    """
-    squares = [
-        result.squareness[part].u or 0.0 for part in curve.parts if part in result.squareness
-    ]
-    lever_mm = curve.position_mm - np.mean(curve.position_mm[[0, -1]])
-    return replace(curve, u_um=np.hypot(curve.u_um, sum(squares) * lever_mm / 1000.0))
-
-
 def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
     """Return whether a result identifies a function with the squareness that ``fold`` puts into
     it.
     """
-    try:
-        curves_of(result, [name], fold)
-    except DataError:
-        return False
-    return True
+    squares = (square for square, target in fold.items() if target == name)
+    return result.knows(name) and all(map(result.knows, squares))

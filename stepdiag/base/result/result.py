@@ -167,6 +167,13 @@ class Result:
     conformity: Conformity | None = None
     source: str = "result"
 
+    def knows(self, name: str) -> bool:
+        """Return whether the survey identifies a function or a squareness, by its ISO 230-1
+        name.
+        """
+        found = self.errors.get(name) or self.squareness.get(name)
+        return found is not None and found.value is not None
+
     def at(self, x_mm: float, y_mm: float, z_mm: float) -> tuple[Vector, Vector | None]:
         """Return the error vector at a point of the machine and its expanded uncertainty U (k = 2),
         shapes (3,) in um.

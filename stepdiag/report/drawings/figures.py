@@ -23,12 +23,8 @@ Correction = Callable[[Vector], Vector]
 def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:
     """Return a figure of every identified function, displacements first, in the order of the
     axes."""
-    names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors]
-    return [
-        _function_figure(name, result, words)
-        for name in names
-        if result.errors[name].value is not None
-    ]
+    names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if result.knows(name)]
+    return [_function_figure(name, result, words) for name in names]
 
 
 def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure:
