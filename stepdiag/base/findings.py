@@ -56,8 +56,11 @@ class Finding:
 
     @property
     def key(self) -> str:
-        """Return the key of its message: the code, or code and variant."""
-        return self.code if self.message is None else self.message.key
+        """Return the code, with the variant of its message; a phrase used for several codes has
+        none.
+        """
+        words = self.message
+        return words.key if words is not None and words.code == self.code else self.code
 
     @property
     def place(self) -> Place:

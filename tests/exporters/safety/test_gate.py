@@ -7,10 +7,13 @@ import msgspec
 import pytest
 
 from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
+from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.siemens.control import Siemens
@@ -87,3 +90,11 @@ def test_a_table_beyond_the_travel_is_refused(tmp_path):
     with pytest.raises(SafetyError) as refusal:
         export(RESULT, "siemens", replace(profile, axes=axes), out_dir=tmp_path / "out")
     assert refusal.value.code == "beyond-travel"
+
+
+def test_a_refusal_by_the_verdict_on_a_table_has_the_code_of_the_verdict():
+    words = message("of-table", label="EXX", what=message("nothing-like-what-result"))
+    wrong = Finding(code="unlike", severity="error", text="EXX is unlike", message=words)
+    with pytest.raises(SafetyError) as refused:
+        refuse([wrong], (), "files")
+    assert refused.value.code == "unlike"
